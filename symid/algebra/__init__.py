@@ -1,0 +1,1 @@
+"""The scalar algebras that the recursion is written over."""

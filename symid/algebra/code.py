@@ -1,0 +1,71 @@
+"""The code carrier: CasADi SX scalars.
+
+Input: named SX coordinates. Output: an algebra over SX. SX drops zeros and ones by itself;
+equal sub-expressions are merged when the function's instructions are read for printing.
+
+Supported: everything the recursion needs, numbers as doubles nearest to the exact ones.
+Not supported: symbolic lengths without a value.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import casadi as ca
+
+from symid.algebra.scalar import State
+from symid.robot.geometry import Exact
+
+__all__ = ["CodeAlgebra", "build_code_state"]
+
+
+@dataclass(frozen=True, slots=True)
+class CodeAlgebra:
+    """SX scalars; `symbols` holds the values of symbolic lengths in m."""
+
+    symbols: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def zero(self) -> ca.SX:
+        """Return zero."""
+        return ca.SX(0)
+
+    @property
+    def one(self) -> ca.SX:
+        """Return one."""
+        return ca.SX(1)
+
+    def constant(self, value: Exact) -> ca.SX:
+        """Return the double nearest to `value`."""
+        return ca.SX(value.to_float(self.symbols))
+
+    def add(self, left: ca.SX, right: ca.SX) -> ca.SX:
+        """Return left + right."""
+        return left + right
+
+    def sub(self, left: ca.SX, right: ca.SX) -> ca.SX:
+        """Return left - right."""
+        return left - right
+
+    def mul(self, left: ca.SX, right: ca.SX) -> ca.SX:
+        """Return left * right."""
+        return left * right
+
+    def neg(self, value: ca.SX) -> ca.SX:
+        """Return -value."""
+        return -value
+
+    def half(self, value: ca.SX) -> ca.SX:
+        """Return value / 2."""
+        return 0.5 * value
+
+
+def build_code_state(q: ca.SX, dq: ca.SX, ddq: ca.SX) -> State[ca.SX]:
+    """Return the coordinates of n joints from three SX columns of length n."""
+    joints = range(q.numel())
+    return State(
+        sine=tuple(ca.sin(q[i]) for i in joints),
+        cosine=tuple(ca.cos(q[i]) for i in joints),
+        position=tuple(q[i] for i in joints),
+        velocity=tuple(dq[i] for i in joints),
+        acceleration=tuple(ddq[i] for i in joints),
+    )

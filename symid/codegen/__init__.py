@@ -1,0 +1,1 @@
+"""Functions, generated sources and the libraries built from them."""

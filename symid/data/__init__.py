@@ -1,0 +1,1 @@
+"""Measurements: recordings, units, checks and filters."""

@@ -1,0 +1,69 @@
+"""A recording: what was measured, in SI units, on the joint side, nothing left out.
+
+Input: arrays from a reader. Output: `Recording`, and `Signals` once filtered and differentiated.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from symid.arrays import FloatArray, freeze
+from symid.errors import Notice
+
+__all__ = ["Recording", "Signals"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Recording:
+    """What a log holds.
+
+    Args:
+        time: (N,) s, strictly increasing.
+        position: (N, n) rad or m, joint side.
+        torque: (N, n) N m or N, joint side.
+        velocity: (N, n) rad/s or m/s where the log has it.
+        source: the file it was read from, or what made it.
+        notices: what a reader should know: conversions made, columns not used.
+    """
+
+    time: FloatArray
+    position: FloatArray
+    torque: FloatArray
+    velocity: FloatArray | None = None
+    source: str = ""
+    notices: tuple[Notice, ...] = ()
+    extras: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Copy the arrays and make them read-only."""
+        for name in ("time", "position", "torque"):
+            object.__setattr__(self, name, freeze(getattr(self, name)))
+        if self.velocity is not None:
+            object.__setattr__(self, "velocity", freeze(self.velocity))
+
+    @property
+    def period(self) -> float:
+        """Return the median sample period in s."""
+        return float(np.median(np.diff(self.time)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Signals:
+    """States and torques at full rate after filter, differentiation and cut ends, before decimation.
+
+    Args:
+        time: (N,) s; q, dq, ddq, tau: (N, n) in SI units; period: s.
+    """
+
+    time: FloatArray
+    q: FloatArray
+    dq: FloatArray
+    ddq: FloatArray
+    tau: FloatArray
+    period: float
+
+    def __post_init__(self) -> None:
+        """Copy the arrays and make them read-only."""
+        for name in ("time", "q", "dq", "ddq", "tau"):
+            object.__setattr__(self, name, freeze(getattr(self, name)))

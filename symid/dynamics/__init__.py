@@ -1,0 +1,1 @@
+"""What the robot does: exact expressions derived from its description."""

@@ -1,0 +1,280 @@
+"""The exact base parameters: which combinations of parameters a motion can show, and why.
+
+Input: a robot. Output: `BaseParameters`: the grouping beta = K pi, its representatives, and for
+every eliminated parameter what became of it.
+
+The energy of the outermost link i is E_i = h_p(x) A(q_i) pi_i + dq_i z'I(pi_i) X(q_i) v_p
++ dq_i^2 z'I(pi_i) z / 2, where x is the state of the rest, v_p the parent's velocity, A and X the change
+of parameters and velocities across the joint. Parameters are invisible if and only if the terms that
+depend on q_i or dq_i vanish for all states, and what is left, h_p(x) A_0 pi_i, is made up for by the
+parent. So each joint has a small set of rows Q_i that act on the parameters of its link and all beyond it,
+carried to it by the constant parts A_0; the base parameters are all these rows together. This is the
+recursion over attainable velocities and gravity directions of Wensing, Niemeyer and Slotine (2017), written
+for the energy; it is linear in the number of links and exact in the field of the geometry.
+
+Supported: trees; rotor inertias IA where the robot declares them; friction, whose offsets can
+coincide with a weight; symbolic lengths (generic values are assumed: no pivot vanishes).
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from sympy import Expr
+from sympy.polys.domains.domain import Domain
+
+from symid.algebra.elimination import Echelon, Row, reduce_rows
+from symid.algebra.exact import find_domain, find_number
+from symid.dynamics.explain import explain_elimination, explain_grouping, write_combination
+from symid.dynamics.transport import Transport, apply, find_field, find_transport
+from symid.joint.friction import FRICTION_MODELS
+from symid.notation import INERTIAL
+from symid.robot.description import JointKind, Robot
+
+__all__ = ["BaseParameter", "BaseParameters", "Eliminated", "Label", "find_base_parameters"]
+
+Label = tuple[int, str]
+"""A standard parameter: index of its joint, name."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BaseParameter:
+    """A base parameter: its representative `label` and its group, `terms`, with exact coefficients."""
+
+    name: str
+    label: Label
+    terms: tuple[tuple[Label, Expr], ...]
+    expression: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Eliminated:
+    """A parameter that is not its own representative: no effect, or grouped into others."""
+
+    name: str
+    label: Label
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BaseParameters:
+    """The base set of a robot.
+
+    `parameters` are the inertial ones (drives included), `friction` those of the friction models, in the
+    order of the vectors beta and f; `labels` the columns of K, all parameters in their canonical order.
+    """
+
+    robot: str
+    labels: tuple[Label, ...]
+    parameters: tuple[BaseParameter, ...]
+    friction: tuple[BaseParameter, ...]
+    eliminated: tuple[Eliminated, ...]
+
+    @property
+    def count(self) -> int:
+        """Return the number of base inertial parameters."""
+        return len(self.parameters)
+
+    @property
+    def keys(self) -> tuple[Label, ...]:
+        """Return the representatives of beta, in order."""
+        return tuple(parameter.label for parameter in self.parameters)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Visible:
+    """What the motions up to a link show of parameters fixed to it.
+
+    `steady` is the row of the constant function (a weight that never turns away), `varying` the span of
+    all others, `velocities` the span of attainable (w, v); all in the link's frame.
+    """
+
+    steady: Row
+    varying: tuple[Row, ...]
+    velocities: tuple[Row, ...]
+
+
+_MOMENTUM = {
+    # (w, v) -> coefficients over INERTIAL of the momentum along z: L_z and p_z.
+    "revolute": ({0: {2: 1}, 1: {4: 1}, 2: {5: 1}, 3: {7: -1}, 4: {6: 1}}),
+    "prismatic": ({0: {7: 1}, 1: {6: -1}, 5: {9: 1}}),
+}
+
+
+def _momentum_row(kind: JointKind, velocity: Row) -> Row:
+    """Return the momentum along the joint's axis, per parameter, of a link that moves with `velocity`."""
+    result: Row = {}
+    for index, value in velocity.items():
+        for column, sign in _MOMENTUM[kind.value].get(index, {}).items():
+            result[column] = result.get(column, 0) + sign * value
+    return result
+
+
+def _find_rows(kind: JointKind, parent: _Visible, transport: Transport, one: Any, *, rotor: bool) -> Echelon:  # noqa: ANN401  field element
+    """Return the rows Q_i over (ten parameters, IA, offset): columns 0..9, 10, 11."""
+    echelon = Echelon()
+    own = {INERTIAL.index("ZZ" if kind is JointKind.REVOLUTE else "M"): one}
+    echelon.insert({**own, 10: one} if rotor else own)
+    for row in parent.velocities:
+        for matrix in transport.velocities:
+            moved = apply(row, _transpose(matrix))
+            echelon.insert(_momentum_row(kind, moved))
+    for number, matrix in enumerate(transport.parameters[1:], start=1):
+        for row in parent.varying:
+            echelon.insert(apply(row, matrix))
+        weight = apply(parent.steady, matrix)
+        # A weight that grows in proportion to q is felt as a constant force, as an offset is.
+        if number == 1 and kind is JointKind.PRISMATIC:
+            echelon.insert({**weight, 11: one})
+        else:
+            echelon.insert(weight)
+    if kind is JointKind.REVOLUTE or len(transport.parameters) == 1:
+        echelon.insert({11: one})
+    return echelon
+
+
+def _transpose(matrix: Sequence[Row]) -> tuple[Row, ...]:
+    columns: list[Row] = [{} for _ in matrix]
+    for index, row in enumerate(matrix):
+        for column, value in row.items():
+            columns[column][index] = value
+    return tuple(columns)
+
+
+def _descend(kind: JointKind, parent: _Visible, transport: Transport, one: Any) -> _Visible:  # noqa: ANN401  field element
+    """Return what is visible at a link, given its parent and its joint."""
+    velocities = Echelon()
+    velocities.insert({2 if kind is JointKind.REVOLUTE else 5: one})
+    for row in parent.velocities:
+        for matrix in transport.velocities:
+            velocities.insert(apply(row, _transpose(matrix)))
+    varying = Echelon()
+    for row in _find_rows(kind, parent, transport, one, rotor=False).rows:
+        varying.insert({column: value for column, value in row.items() if column < len(INERTIAL)})
+    for row in parent.varying:
+        varying.insert(apply(row, transport.parameters[0]))
+    return _Visible(
+        steady=apply(parent.steady, transport.parameters[0]), varying=varying.rows, velocities=velocities.rows
+    )
+
+
+def _label_parameters(robot: Robot) -> tuple[Label, ...]:
+    """Return all parameters in canonical order: links from the base, then friction."""
+    labels: list[Label] = []
+    for index, joint in enumerate(robot.joints):
+        labels += [(index, name) for name in INERTIAL]
+        if joint.drive.has_rotor:
+            labels.append((index, "IA"))
+    for index, joint in enumerate(robot.joints):
+        labels += [(index, name) for name in FRICTION_MODELS[joint.friction.kind].parameters]
+    return tuple(labels)
+
+
+def _expand(robot: Robot, transports: Sequence[Transport], joint: int, row: Row) -> dict[Label, Any]:
+    """Return a row on the composite of link `joint` as a row on the parameters of all links beyond it."""
+    inertial = {column: value for column, value in row.items() if column < len(INERTIAL)}
+    result: dict[Label, Any] = {}
+    pending = [(joint, inertial)]
+    while pending:
+        link, part = pending.pop()
+        result |= {(link, INERTIAL[column]): value for column, value in part.items()}
+        for child, other in enumerate(robot.joints):
+            if other.parent == link:
+                pending.append((child, apply(part, transports[child].parameters[0])))
+    for column, name in ((10, "IA"), (11, "offset")):
+        if column in row:
+            result[joint, name] = row[column]
+    return result
+
+
+def _collect_rows(robot: Robot, field: Domain) -> tuple[list[dict[Label, Any]], list[_Visible]]:
+    """Return the rows of all joints over all parameters, and what is visible at each link."""
+    one = field.one
+    transports = [find_transport(robot, joint, field) for joint in robot.joints]
+    root = _Visible(steady=_find_weight(robot, field), varying=(), velocities=())
+    visible: list[_Visible] = []
+    rows: list[dict[Label, Any]] = []
+    for index, joint in enumerate(robot.joints):
+        parent = visible[joint.parent] if joint.parent >= 0 else root
+        echelon = _find_rows(joint.kind, parent, transports[index], one, rotor=joint.drive.has_rotor)
+        rows += [_expand(robot, transports, index, row) for row in echelon.rows]
+        visible.append(_descend(joint.kind, parent, transports[index], one))
+        # Viscous and Coulomb friction depend on the own velocity as nothing else does.
+        for name in FRICTION_MODELS[joint.friction.kind].parameters:
+            if name != "offset":
+                rows.append({(index, name): one})
+    return rows, visible
+
+
+def _find_weight(robot: Robot, field: Domain) -> Row:
+    """Return the potential of the base's own parameters, -g' MS, as a row."""
+    numbers = [find_number(value, find_domain(robot), field) for value in robot.gravity]
+    return {INERTIAL.index("MX") + axis: -value for axis, value in enumerate(numbers) if value}
+
+
+def _name(label: Label, *, grouped: bool) -> str:
+    joint, name = label
+    return f"{name}{'R' if grouped else ''}{joint + 1}"
+
+
+def _write_parameters(
+    rows: Sequence[Row], labels: Sequence[Label], robot: Robot, visible: Sequence[_Visible], field: Domain
+) -> Iterator[BaseParameter]:
+    for row in rows:
+        terms = tuple((labels[column], field.to_sympy(value)) for column, value in sorted(row.items()))
+        label = terms[0][0]
+        named = [(_name(other, grouped=False), value) for other, value in terms]
+        yield BaseParameter(
+            name=_name(label, grouped=len(terms) > 1),
+            label=label,
+            terms=terms,
+            expression=write_combination(named),
+            reason=explain_grouping(robot, label, named, _angular(visible, label)),
+        )
+
+
+def _angular(visible: Sequence[_Visible], label: Label) -> tuple[tuple[int, ...], ...]:
+    """Return which components of the angular velocity each attainable velocity of the link holds."""
+    rows = visible[label[0]].velocities
+    return tuple(tuple(sorted(column for column in row if column < 3)) for row in rows)  # noqa: PLR2004  w before v
+
+
+def _write_eliminated(
+    labels: Sequence[Label],
+    parameters: Sequence[BaseParameter],
+    robot: Robot,
+    visible: Sequence[_Visible],
+) -> Iterator[Eliminated]:
+    kept = {parameter.label for parameter in parameters}
+    groups: Mapping[Label, list[tuple[str, Expr]]] = {label: [] for label in labels}
+    for parameter in parameters:
+        for label, value in parameter.terms:
+            groups[label].append((parameter.name, value))
+    for label in labels:
+        if label not in kept:
+            reason = explain_elimination(robot, label, groups[label], _angular(visible, label))
+            yield Eliminated(name=_name(label, grouped=False), label=label, reason=reason)
+
+
+def find_base_parameters(robot: Robot) -> BaseParameters:
+    """Return the exact base parameters of `robot`.
+
+    The representatives are the first ones in canonical order, links from the base and XX XY XZ YY YZ
+    ZZ MX MY MZ M IA within a link; this reproduces Khalil's convention (YY, MZ and M of a revolute
+    link are grouped into it and into the link before).
+    """
+    field = find_field(robot)
+    labels = _label_parameters(robot)
+    column = {label: index for index, label in enumerate(labels)}
+    rows, visible = _collect_rows(robot, field)
+    known = ({column[label]: value for label, value in row.items() if label in column} for row in rows)
+    reduced = reduce_rows(known).rows
+    written = tuple(_write_parameters(reduced, labels, robot, visible, field))
+    return BaseParameters(
+        robot=robot.name,
+        labels=labels,
+        parameters=tuple(p for p in written if p.label[1] in (*INERTIAL, "IA")),
+        friction=tuple(p for p in written if p.label[1] not in (*INERTIAL, "IA")),
+        eliminated=tuple(_write_eliminated(labels, written, robot, visible)),
+    )

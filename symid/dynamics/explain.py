@@ -1,0 +1,127 @@
+"""Base parameters in words: groupings as text, and the reason for each of them.
+
+Input: what the exact reduction found. Output: sentences and expressions, ASCII.
+"""
+
+from collections.abc import Sequence
+
+from sympy import Expr, Rational
+
+from symid.robot.description import JointKind, Robot
+
+__all__ = ["explain_elimination", "explain_grouping", "write_combination", "write_number"]
+
+Label = tuple[int, str]
+_LONGEST = 24
+_INERTIA = ("XX", "XY", "XZ", "YY", "YZ", "ZZ")
+
+
+def write_number(expression: Expr) -> str:
+    """Return a coefficient as text: a decimal where it is one, else a fraction or an expression.
+
+    Fractions longer than 24 characters are shown with 15 digits, marked by a tilde.
+    """
+    if not isinstance(expression, Rational):
+        text = str(expression).replace("**", "^")
+        return f"({text})" if " " in text else text
+    denominator, places = expression.q, 0
+    for prime in (2, 5):
+        count = 0
+        while denominator % prime == 0:
+            denominator //= prime
+            count += 1
+        places = max(places, count)
+    if denominator == 1:
+        digits = str(abs(expression.p) * 10**places // expression.q).rjust(places + 1, "0")
+        text = f"{digits[:-places]}.{digits[-places:]}" if places else digits
+        text = f"-{text}" if expression.p < 0 else text
+    else:
+        text = str(expression)
+    return text if len(text) <= _LONGEST else f"~{float(expression):.15g}"
+
+
+def write_combination(terms: Sequence[tuple[str, Expr]]) -> str:
+    """Return a sum such as `ZZ1 + YY2 - 0.25*M2`."""
+    text = ""
+    for name, value in terms:
+        number = write_number(value)
+        negative = number.startswith(("-", "~-"))
+        number = number.replace("-", "", 1) if negative else number
+        term = name if number == "1" else f"{number}*{name}"
+        if not text:
+            text = f"-{term}" if negative else term
+        else:
+            text += f" - {term}" if negative else f" + {term}"
+    return text
+
+
+def _describe_motion(robot: Robot, joint: int, angular: Sequence[tuple[int, ...]]) -> str:
+    """Return how a link can turn, from the angular parts of its attainable velocities."""
+    turning = [row for row in angular if row]
+    link = f"link {joint + 1}"
+    if not turning:
+        return f"{link} never turns"
+    if len(turning) == 1:
+        where = "its z axis" if turning[0] == (2,) else "one axis"
+        return f"{link} turns about {where} only"
+    before = robot.joints[joint].parent
+    return f"{link} turns about {len(turning)} axes" + (f", carried by link {before + 1}" if before >= 0 else "")
+
+
+def explain_grouping(
+    robot: Robot, label: Label, terms: Sequence[tuple[str, Expr]], angular: Sequence[tuple[int, ...]]
+) -> str:
+    """Return why a representative stands for its group.
+
+    Args:
+        robot: the robot.
+        label: the representative.
+        terms: all members of the group with their coefficients, the representative first.
+        angular: angular components of each attainable velocity of the link.
+    """
+    joint, name = label
+    motion = _describe_motion(robot, joint, angular)
+    if name in ("Fv", "Fc", "Fvp", "Fcp", "Fvn", "Fcn", "offset"):
+        return f"friction of joint {joint + 1}, felt at this joint alone"
+    if len(terms) == 1:
+        return f"{motion}; no other parameter has the same effect"
+    others = ", ".join(other for other, _ in terms[1:])
+    return f"{motion}; it cannot be told from {others}, whose effect at and before joint {joint + 1} is the same"
+
+
+def explain_elimination(
+    robot: Robot, label: Label, groups: Sequence[tuple[str, Expr]], angular: Sequence[tuple[int, ...]]
+) -> str:
+    """Return what became of a parameter that is not its own representative.
+
+    Args:
+        robot: the robot.
+        label: the parameter.
+        groups: the base parameters it was grouped into, with its coefficient in each.
+        angular: angular components of each attainable velocity of the link.
+    """
+    joint, name = label
+    if not groups:
+        return f"no effect: {_describe_motion(robot, joint, angular)}, and neither motion nor gravity shows it"
+    into = ", ".join(group for group, _ in groups)
+    return f"grouped into {into}: {_explain_transfer(robot, joint, name)}"
+
+
+def _explain_transfer(robot: Robot, joint: int, name: str) -> str:
+    parent = robot.joints[joint].parent
+    carrier = f"link {parent + 1}" if parent >= 0 else "the base"
+    number = joint + 1
+    if name == "IA":
+        own = "ZZ" if robot.joints[joint].kind is JointKind.REVOLUTE else "M"
+        return f"the rotor's energy goes with dq{number}^2 as that of {own}{number} does"
+    if name == "offset":
+        return f"a constant force at joint {number}, as a weight along its axis makes one"
+    if robot.joints[joint].kind is JointKind.PRISMATIC:
+        if name in _INERTIA:
+            return f"link {number} does not turn against {carrier}, so its inertia adds to that link's"
+        return f"where joint {number} slides, this moment does the same work as {carrier}'s own"
+    if name in ("M", "MZ"):
+        return f"mass on the axis of joint {number} stays where it is when the joint turns: it moves with {carrier}"
+    if name == "YY":
+        return f"XX{number} + YY{number} does not change when joint {number} turns: only their difference shows there"
+    return f"at joint {number} its effect equals that of parameters of {carrier} or before"

@@ -1,0 +1,182 @@
+"""Forces and moments per standard parameter, and their way down the tree to the joints.
+
+Input: motions and accelerations of a link in its own frame. Output: `Wrench` columns, one a
+parameter, and their projection on the joint axes: columns of torque-like regressors.
+
+Everything a link contributes is linear in its parameters: momentum, inertial wrench, weight.
+Each is written once, for one parameter; the regressors differ only in which of them is
+carried to the base, and on what it is projected.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Generic
+
+from symid.algebra.scalar import Algebra, T
+from symid.algebra.vectors import Vector, add, cross, scale
+from symid.dynamics.kinematics import Frame, Motion, lift_vector
+from symid.notation import INERTIAL
+from symid.robot.description import Robot
+
+__all__ = [
+    "Acceleration",
+    "Wrench",
+    "add_wrenches",
+    "find_gravity_wrench",
+    "find_inertial_wrench",
+    "find_momentum",
+    "find_slotine_li_wrench",
+    "lift_wrench",
+    "project_columns",
+    "project_on_axis",
+    "scale_wrench",
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wrench(Generic[T]):
+    """A force (N) and a moment (N m) about the link frame's origin; or a momentum pair (kg m/s, kg m^2/s)."""
+
+    force: Vector[T]
+    moment: Vector[T]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Acceleration(Generic[T]):
+    """The acceleration of a link in its own frame: rad/s^2 and m/s^2, of the frame's origin, gravity subtracted."""
+
+    angular: Vector[T]
+    linear: Vector[T]
+
+
+def _unit(algebra: Algebra[T], axis: int) -> Vector[T]:
+    zero, one = algebra.zero, algebra.one
+    return (one if axis == 0 else zero, one if axis == 1 else zero, one if axis == 2 else zero)  # noqa: PLR2004
+
+
+_TENSOR = {"XX": (0, 0), "XY": (0, 1), "XZ": (0, 2), "YY": (1, 1), "YZ": (1, 2), "ZZ": (2, 2)}
+
+
+def _apply_tensor(algebra: Algebra[T], name: str, vector: Vector[T]) -> Vector[T]:
+    """Return the unit inertia tensor of the entry `name`, times `vector`."""
+    i, j = _TENSOR[name]
+    result = [algebra.zero] * 3
+    result[i] = vector[j]
+    result[j] = vector[i]
+    return (result[0], result[1], result[2])
+
+
+def find_momentum(algebra: Algebra[T], name: str, motion: Motion[T]) -> Wrench[T]:
+    """Return linear momentum and moment of momentum per unit of one parameter.
+
+    p = M v + w x MS;  L = I w + MS x v.
+    """
+    zero = (algebra.zero,) * 3
+    if name in _TENSOR:
+        return Wrench(force=zero, moment=_apply_tensor(algebra, name, motion.angular))
+    if name == "M":
+        return Wrench(force=motion.linear, moment=zero)
+    axis = _unit(algebra, INERTIAL.index(name) - INERTIAL.index("MX"))
+    return Wrench(force=cross(algebra, motion.angular, axis), moment=cross(algebra, axis, motion.linear))
+
+
+def find_gravity_wrench(algebra: Algebra[T], name: str, motion: Motion[T]) -> Wrench[T]:
+    """Return the weight per unit of one parameter: f = M g, n = MS x g."""
+    zero = (algebra.zero,) * 3
+    if name in _TENSOR:
+        return Wrench(force=zero, moment=zero)
+    if name == "M":
+        return Wrench(force=motion.gravity, moment=zero)
+    axis = _unit(algebra, INERTIAL.index(name) - INERTIAL.index("MX"))
+    return Wrench(force=zero, moment=cross(algebra, axis, motion.gravity))
+
+
+def find_inertial_wrench(
+    algebra: Algebra[T], name: str, angular: Vector[T], acceleration: Acceleration[T]
+) -> Wrench[T]:
+    """Return the wrench that moves a link, per unit of one parameter.
+
+    f = M a + dw x MS + w x (w x MS);  n = I dw + w x (I w) + MS x a   (Newton and Euler).
+    """
+    zero = (algebra.zero,) * 3
+    if name in _TENSOR:
+        spin = cross(algebra, angular, _apply_tensor(algebra, name, angular))
+        push = _apply_tensor(algebra, name, acceleration.angular)
+        return Wrench(force=zero, moment=add(algebra, push, spin))
+    if name == "M":
+        return Wrench(force=acceleration.linear, moment=zero)
+    axis = _unit(algebra, INERTIAL.index(name) - INERTIAL.index("MX"))
+    swing = cross(algebra, angular, cross(algebra, angular, axis))
+    force = add(algebra, cross(algebra, acceleration.angular, axis), swing)
+    return Wrench(force=force, moment=cross(algebra, axis, acceleration.linear))
+
+
+def find_slotine_li_wrench(
+    algebra: Algebra[T], name: str, motion: Motion[T], reference: Motion[T], rate: Acceleration[T]
+) -> Wrench[T]:
+    """Return I A_r + v_r x* (I v) per unit of one parameter, in the link's own components.
+
+    `rate` holds the derivatives of the *components* of the reference velocity, gravity subtracted.
+    v_r x* (p, L) = (w_r x p, w_r x L + v_r x p) is skew in v_r, hence dM/dt - 2C is skew
+    (the factorisation of Niemeyer and Slotine 1991).
+    """
+    moved = Motion(angular=rate.angular, linear=rate.linear, gravity=motion.gravity, height=motion.height)
+    push = find_momentum(algebra, name, moved)
+    momentum = find_momentum(algebra, name, motion)
+    spin = add(
+        algebra,
+        cross(algebra, reference.angular, momentum.moment),
+        cross(algebra, reference.linear, momentum.force),
+    )
+    swing = cross(algebra, reference.angular, momentum.force)
+    return Wrench(force=add(algebra, push.force, swing), moment=add(algebra, push.moment, spin))
+
+
+def lift_wrench(algebra: Algebra[T], frame: Frame[T], wrench: Wrench[T]) -> Wrench[T]:
+    """Return a wrench about the link's origin in the parent's axes, about the parent's origin."""
+    force = lift_vector(algebra, frame, wrench.force)
+    moment = lift_vector(algebra, frame, wrench.moment)
+    return Wrench(force=force, moment=add(algebra, moment, cross(algebra, frame.origin, force)))
+
+
+def add_wrenches(algebra: Algebra[T], left: Wrench[T], right: Wrench[T]) -> Wrench[T]:
+    """Return left + right."""
+    return Wrench(
+        force=add(algebra, left.force, right.force), moment=add(algebra, left.moment, right.moment)
+    )
+
+
+def scale_wrench(algebra: Algebra[T], factor: T, wrench: Wrench[T]) -> Wrench[T]:
+    """Return factor * wrench."""
+    return Wrench(force=scale(algebra, factor, wrench.force), moment=scale(algebra, factor, wrench.moment))
+
+
+def project_on_axis(frame: Frame[T], wrench: Wrench[T]) -> T:
+    """Return what the joint must carry: the moment about z, or the force along z if prismatic."""
+    return wrench.moment[2] if frame.revolute else wrench.force[2]
+
+
+def project_columns(
+    robot: Robot,
+    algebra: Algebra[T],
+    frames: tuple[Frame[T], ...],
+    columns: Mapping[tuple[int, str], Wrench[T]],
+    project: Callable[[int, Wrench[T]], T],
+) -> dict[tuple[int, str], Sequence[T]]:
+    """Return, for each (link, parameter), the n joint entries of its wrench.
+
+    `project(joint, wrench)` is called at the link's own joint and at each joint below it
+    on the way to the base; joints that do not carry the link get zero.
+    """
+    result: dict[tuple[int, str], Sequence[T]] = {}
+    for (link, name), own in columns.items():
+        entries = [algebra.zero] * robot.size
+        wrench, joint = own, link
+        while joint >= 0:
+            entries[joint] = project(joint, wrench)
+            parent = robot.joints[joint].parent
+            if parent >= 0:
+                wrench = lift_wrench(algebra, frames[joint], wrench)
+            joint = parent
+        result[link, name] = entries
+    return result

@@ -1,0 +1,114 @@
+"""The errors of symid, one tree, and the notices they are made of.
+
+    SymidError                  70  a bug in symid, if it is none of the following
+    |-- UsageError               2  the call itself is wrong: a name, an option
+    |-- InputError               3  a file says something that cannot be used
+    |   |-- RobotError              the robot file, or a robot that is not supported
+    |   |-- LogError                the log, its columns, units, times
+    |   `-- EstimateError           a file of identified parameters
+    |-- OutputError              3  a folder or file that must not be written
+    |-- GenerationError         70  generated code that does not compile or disagrees with itself
+    |-- IdentifiabilityError     4  nothing can be learnt from this log
+    `-- SolverError              5  a solver ended without a usable result
+
+The number is the exit code of the command line. An error carries one notice or
+many: all that is wrong with a file is said at once.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+__all__ = [
+    "EstimateError",
+    "GenerationError",
+    "IdentifiabilityError",
+    "InputError",
+    "LogError",
+    "Notice",
+    "OutputError",
+    "RobotError",
+    "SolverError",
+    "SymidError",
+    "UsageError",
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Notice:
+    """One thing to tell: what, where, what was found, what is allowed, what to do.
+
+    `code` is stable and made for programs, as in "robot.unknown-key"; `line` and
+    `column` count from one, zero means that there is no such place.
+    """
+
+    code: str
+    text: str
+    file: str = ""
+    line: int = 0
+    column: int = 0
+
+    def __str__(self) -> str:
+        """Return `file:line:column: text` with the parts that are known."""
+        place = self.file
+        if self.line:
+            place += f":{self.line}"
+            if self.column:
+                place += f":{self.column}"
+        return f"{place}: {self.text}" if place else self.text
+
+
+class SymidError(Exception):
+    """The root of all errors that symid raises on purpose."""
+
+    exit_code: ClassVar[int] = 70
+
+    def __init__(self, *notices: Notice) -> None:
+        """Keep the notices; the text of the exception is theirs, one a line."""
+        super().__init__("\n".join(str(notice) for notice in notices))
+        self.notices = notices
+
+
+class UsageError(SymidError):
+    """The call is wrong: an unknown name, an option that does not fit."""
+
+    exit_code = 2
+
+
+class InputError(SymidError):
+    """A file says something that cannot be used."""
+
+    exit_code = 3
+
+
+class RobotError(InputError):
+    """A robot file is wrong, or describes a robot that is not supported."""
+
+
+class LogError(InputError):
+    """A log is wrong, or does not fit the robot."""
+
+
+class EstimateError(InputError):
+    """A file of identified parameters is wrong, or belongs to another robot."""
+
+
+class OutputError(SymidError):
+    """A file or folder must not be written."""
+
+    exit_code = 3
+
+
+class GenerationError(SymidError):
+    """Generated code does not compile, load, or agree with its own reference values."""
+
+
+class IdentifiabilityError(SymidError):
+    """Nothing can be learnt from the measurements given."""
+
+    exit_code = 4
+
+
+class SolverError(SymidError):
+    """A solver ended without a usable result."""
+
+    exit_code = 5

@@ -1,0 +1,1 @@
+"""Reference trajectories that make parameters visible."""

@@ -1,0 +1,1 @@
+"""What a joint does besides moving its link: friction."""

@@ -1,0 +1,54 @@
+"""Canonical bytes and signatures: equal input, equal signature, on any machine.
+
+Supported: None, booleans, integers, floats, fractions, strings, bytes, paths' text
+given as strings, tuples, lists, mappings with string keys, enumerations, frozen
+dataclasses and NumPy arrays (dtype, shape, bytes).
+Not supported: sets (they have no order) and any other object; both raise TypeError.
+"""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from fractions import Fraction
+
+__all__ = ["find_signature", "write_canonical"]
+
+
+def write_canonical(value: object) -> bytes:
+    """Return bytes that are the same for equal values, and differ for different ones.
+
+    Raises:
+        TypeError: `value` holds an object without a canonical form, such as a set.
+    """
+    match value:
+        case None | bool():
+            return f"{value!r};".encode()
+        case Enum():
+            return write_canonical(value.value)
+        case int() | Fraction():
+            return f"q{value};".encode()
+        case float():
+            return f"f{value.hex()};".encode()
+        case str():
+            text = value.encode()
+            return b"s%d:%s;" % (len(text), text)
+        case bytes():
+            return b"b%d:%s;" % (len(value), value)
+        case tuple() | list():
+            return b"(" + b"".join(map(write_canonical, value)) + b")"
+        case Mapping():
+            pairs = sorted(value.items())
+            return b"{" + b"".join(write_canonical(part) for pair in pairs for part in pair) + b"}"
+    if is_dataclass(value) and not isinstance(value, type):
+        inner = (getattr(value, field.name) for field in fields(value))
+        return type(value).__name__.encode() + write_canonical(tuple(inner))
+    if hasattr(value, "tobytes") and hasattr(value, "dtype") and hasattr(value, "shape"):
+        return write_canonical((str(value.dtype), tuple(value.shape), value.tobytes()))
+    message = f"no canonical form for {type(value).__name__}"
+    raise TypeError(message)
+
+
+def find_signature(*values: object) -> str:
+    """Return the SHA-256 of the values' canonical bytes, as 64 hexadecimal digits."""
+    return hashlib.sha256(write_canonical(values)).hexdigest()

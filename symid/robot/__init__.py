@@ -1,0 +1,1 @@
+"""What the robot is: numbers and names, no symbols."""

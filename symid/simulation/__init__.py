@@ -1,0 +1,1 @@
+"""The robot under control, with sensors like real ones."""
