@@ -21,7 +21,16 @@ from symid.algebra.scalar import State
 from symid.robot.description import JointKind, Robot
 from symid.robot.geometry import Exact, Surd
 
-__all__ = ["ExactAlgebra", "build_exact_algebra", "build_exact_state", "differentiate", "find_domain", "find_generators", "find_number", "find_symbols"]
+__all__ = [
+    "ExactAlgebra",
+    "build_exact_algebra",
+    "build_exact_state",
+    "differentiate",
+    "find_domain",
+    "find_generators",
+    "find_number",
+    "find_symbols",
+]
 
 
 def _constants(robot: Robot) -> Iterable[Exact]:
@@ -129,7 +138,7 @@ class ExactAlgebra:
             complement = 1 - self.ring.gens[cosine] ** 2
             for monomial, coefficient in squared.items():
                 pairs, rest = divmod(monomial[sine], 2)
-                bare = monomial[:sine] + (rest,) + monomial[sine + 1 :]
+                bare = (*monomial[:sine], rest, *monomial[sine + 1 :])
                 value += self.ring.from_dict({bare: coefficient}) * complement**pairs
         return value
 

@@ -59,5 +59,9 @@ class FloatAlgebra:
 def build_float_state(q: FloatArray, dq: FloatArray, ddq: FloatArray) -> State[FloatArray]:
     """Return the coordinates from arrays (n, ...) in rad or m and their derivatives."""
     return State(
-        sine=tuple(np.sin(q)), cosine=tuple(np.cos(q)), position=tuple(q), velocity=tuple(dq), acceleration=tuple(ddq)
+        sine=tuple(np.sin(q)),
+        cosine=tuple(np.cos(q)),
+        position=tuple(q),
+        velocity=tuple(dq),
+        acceleration=tuple(ddq),
     )

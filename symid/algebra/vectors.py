@@ -7,7 +7,19 @@ from collections.abc import Sequence
 
 from symid.algebra.scalar import Algebra, T
 
-__all__ = ["Matrix", "Vector", "add", "cross", "dot", "multiply", "multiply_matrices", "scale", "sub", "total", "transpose"]
+__all__ = [
+    "Matrix",
+    "Vector",
+    "add",
+    "cross",
+    "dot",
+    "multiply",
+    "multiply_matrices",
+    "scale",
+    "sub",
+    "total",
+    "transpose",
+]
 
 Vector = tuple[T, T, T]
 Matrix = tuple[tuple[T, T, T], tuple[T, T, T], tuple[T, T, T]]

@@ -1,7 +1,7 @@
 """The catalogue as CasADi functions over SX, in base parameters.
 
-Input: a robot. Output: `Functions`: the model card and one SX function per entry of the catalogue,
-inputs and outputs named, ordered and shaped as its spec says; an output of shape (n, 3, 3) is an n x 9 matrix.
+Input: a robot. Output: `Functions`: the model card and one SX function per entry of the catalogue, with
+inputs and outputs named, ordered and shaped as its spec says; one of shape (n, 3, 3) is an n x 9 matrix.
 
 Robot -> BaseParameters -> card;  Robot -> recursion over SX -> functions.
 
@@ -10,17 +10,23 @@ Not supported: symbolic lengths without a value (RobotError).
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 
 from symid.algebra.code import CodeAlgebra, build_code_state
 from symid.algebra.exact import find_symbols
-from symid.algebra.scalar import State
-from symid.codegen.functions import FunctionSpec, JointCard, ModelCard, ParameterCard, find_model_signature, find_specs
+from symid.codegen.functions import (
+    FunctionSpec,
+    JointCard,
+    ModelCard,
+    ParameterCard,
+    find_model_signature,
+    find_specs,
+)
 from symid.dynamics.base import BaseParameter, BaseParameters, Label, find_base_parameters
 from symid.dynamics.energy import find_energy_rows
-from symid.dynamics.kinematics import Frame, Motion, build_frames, find_jacobian, find_motions, find_poses
+from symid.dynamics.kinematics import Recursion, build_recursion, find_jacobian, find_poses
 from symid.dynamics.newton_euler import find_inverse_dynamics, find_mass_matrix
 from symid.dynamics.regressors import (
     Columns,
@@ -34,6 +40,7 @@ from symid.errors import Notice, RobotError, UsageError
 from symid.joint.friction import FRICTION_MODELS
 from symid.notation import INERTIAL, find_unit
 from symid.robot.description import JointKind, Robot
+from symid.robot.geometry import ZERO
 
 __all__ = ["Functions", "build_functions", "build_model_card"]
 
@@ -50,14 +57,20 @@ class Functions:
 class _Build:
     """What all builders share: symbols, recursion results, base parameters as sparse link parameters."""
 
-    robot: Robot
-    algebra: CodeAlgebra
     base: BaseParameters
     symbols: Mapping[str, ca.SX]
-    state: State[ca.SX]
-    frames: tuple[Frame[ca.SX], ...]
-    motions: tuple[Motion[ca.SX], ...]
+    recursion: Recursion[ca.SX]
     parameters: Mapping[Label, ca.SX]
+
+    @property
+    def robot(self) -> Robot:
+        """Return the robot."""
+        return self.recursion.robot
+
+    @property
+    def zeros(self) -> tuple[ca.SX, ...]:
+        """Return one zero per joint."""
+        return (self.recursion.algebra.zero,) * self.robot.size
 
 
 class _FrictionAlgebra(CodeAlgebra):
@@ -80,15 +93,10 @@ def _start(robot: Robot, base: BaseParameters) -> _Build:
     symbols["f"] = ca.SX.sym("f", len(base.friction))
     algebra = CodeAlgebra(dict(robot.symbols))
     state = build_code_state(symbols["q"], symbols["dq"], symbols["ddq"])
-    frames = build_frames(robot, algebra, state)
     return _Build(
-        robot=robot,
-        algebra=algebra,
         base=base,
         symbols=symbols,
-        state=state,
-        frames=frames,
-        motions=find_motions(robot, algebra, frames, state.velocity),
+        recursion=build_recursion(robot, algebra, state),
         parameters={key: symbols["beta"][k] for k, key in enumerate(base.keys)},
     )
 
@@ -108,52 +116,41 @@ def _from_columns(build: _Build, columns: Columns[ca.SX]) -> ca.SX:
 
 
 def _inverse_dynamics(build: _Build, *, moving: bool, accelerating: bool) -> ca.SX:
-    zero = (build.algebra.zero,) * build.robot.size
-    state = State(
-        sine=build.state.sine,
-        cosine=build.state.cosine,
-        position=build.state.position,
-        velocity=build.state.velocity if moving else zero,
-        acceleration=build.state.acceleration if accelerating else zero,
-    )
-    motions = build.motions if moving else find_motions(build.robot, build.algebra, build.frames, zero)
-    torques = find_inverse_dynamics(build.robot, build.algebra, build.frames, motions, state, build.parameters)
-    return _column(torques)
+    recursion = build.recursion
+    if not (moving and accelerating):
+        still = replace(
+            recursion.state,
+            velocity=recursion.state.velocity if moving else build.zeros,
+            acceleration=recursion.state.acceleration if accelerating else build.zeros,
+        )
+        recursion = build_recursion(recursion.robot, recursion.algebra, still)
+    return _column(find_inverse_dynamics(recursion, build.parameters))
 
 
 def _forward_kinematics(build: _Build) -> tuple[ca.SX, ...]:
-    poses = find_poses(build.robot, build.algebra, build.frames)
+    poses = find_poses(build.recursion)
     rotations = _matrix([[entry for row in pose.rotation for entry in row] for pose in poses])
     return rotations, _matrix([pose.origin for pose in poses])
 
 
 def _jacobian(build: _Build) -> tuple[ca.SX, ...]:
-    poses = find_poses(build.robot, build.algebra, build.frames)
-    return (_matrix(find_jacobian(build.algebra, build.robot, poses)),)
+    return (_matrix(find_jacobian(build.recursion)),)
 
 
 def _mass_matrix(build: _Build) -> tuple[ca.SX, ...]:
-    return (_matrix(find_mass_matrix(build.robot, build.algebra, build.frames, build.parameters)),)
+    return (_matrix(find_mass_matrix(build.recursion, build.parameters)),)
 
 
 def _coriolis_matrix(build: _Build) -> tuple[ca.SX, ...]:
     """Return C column by column: the Slotine-Li torque for dqr = e_k, ddqr = 0, less gravity."""
-    n, algebra = build.robot.size, build.algebra
-    zeros = (algebra.zero,) * n
-    weightless = _without_gravity(build.robot)
+    n, algebra = build.robot.size, build.recursion.algebra
+    weightless = replace(build.recursion, robot=replace(build.robot, gravity=(ZERO, ZERO, ZERO)))
     columns = []
     for k in range(n):
-        reference = (tuple(algebra.one if j == k else algebra.zero for j in range(n)), zeros)
-        parts = find_slotine_li_columns(
-            weightless, algebra, build.frames, build.motions, build.state, reference, build.base.keys
-        )
+        reference = (tuple(algebra.one if j == k else algebra.zero for j in range(n)), build.zeros)
+        parts = find_slotine_li_columns(weightless, reference, build.base.keys)
         columns.append(_from_columns(build, parts) @ build.symbols["beta"])
     return (ca.horzcat(*columns),)
-
-
-def _without_gravity(robot: Robot) -> Robot:
-    zero = type(robot.gravity[0])()
-    return Robot(name=robot.name, joints=robot.joints, gravity=(zero, zero, zero), symbols=robot.symbols)
 
 
 def _forward_dynamics(build: _Build) -> tuple[ca.SX, ...]:
@@ -187,11 +184,11 @@ def _derivatives(build: _Build) -> tuple[ca.SX, ...]:
 def _energy_rows(build: _Build) -> tuple[ca.SX, ca.SX]:
     kinetic: list[ca.SX] = []
     potential: list[ca.SX] = []
-    rows = [find_energy_rows(build.algebra, motion) for motion in build.motions]
+    rows = [find_energy_rows(build.recursion.algebra, motion) for motion in build.recursion.motions]
     for link, name in build.base.keys:
         if name == "IA":
-            kinetic.append(0.5 * build.state.velocity[link] ** 2)
-            potential.append(build.algebra.zero)
+            kinetic.append(0.5 * build.recursion.state.velocity[link] ** 2)
+            potential.append(build.recursion.algebra.zero)
         else:
             kinetic.append(rows[link].kinetic[INERTIAL.index(name)])
             potential.append(rows[link].potential[INERTIAL.index(name)])
@@ -204,30 +201,27 @@ def _energy(build: _Build) -> tuple[ca.SX, ...]:
 
 
 def _momentum(build: _Build) -> tuple[ca.SX, ...]:
-    columns = find_momentum_columns(
-        build.robot, build.algebra, build.frames, build.motions, build.state, build.base.keys
-    )
+    columns = find_momentum_columns(build.recursion, build.base.keys)
     return (_from_columns(build, columns),)
 
 
 def _lagrange(build: _Build) -> tuple[ca.SX, ...]:
-    columns = find_lagrange_columns(build.robot, build.algebra, build.frames, build.motions, build.base.keys)
+    columns = find_lagrange_columns(build.recursion, build.base.keys)
     return (_from_columns(build, columns),)
 
 
 def _torque(build: _Build) -> tuple[ca.SX, ...]:
-    columns = find_torque_columns(
-        build.robot, build.algebra, build.frames, build.motions, build.state, build.base.keys
-    )
+    columns = find_torque_columns(build.recursion, build.base.keys)
     return (_from_columns(build, columns),)
 
 
 def _slotine_li(build: _Build) -> tuple[ca.SX, ...]:
     joints = range(build.robot.size)
-    reference = tuple(build.symbols["dqr"][k] for k in joints), tuple(build.symbols["ddqr"][k] for k in joints)
-    columns = find_slotine_li_columns(
-        build.robot, build.algebra, build.frames, build.motions, build.state, reference, build.base.keys
+    reference = (
+        tuple(build.symbols["dqr"][k] for k in joints),
+        tuple(build.symbols["ddqr"][k] for k in joints),
     )
+    columns = find_slotine_li_columns(build.recursion, reference, build.base.keys)
     return (_from_columns(build, columns),)
 
 
@@ -292,8 +286,12 @@ def build_model_card(robot: Robot, base: BaseParameters, specs: tuple[FunctionSp
         robot=robot.name,
         signature=find_model_signature(robot),
         joints=joints,
-        beta=tuple(_write_card(robot, parameter, values.get(parameter.name)) for parameter in base.parameters),
-        friction=tuple(_write_card(robot, parameter, values.get(parameter.name)) for parameter in base.friction),
+        beta=tuple(
+            _write_card(robot, parameter, values.get(parameter.name)) for parameter in base.parameters
+        ),
+        friction=tuple(
+            _write_card(robot, parameter, values.get(parameter.name)) for parameter in base.friction
+        ),
         functions=specs,
     )
 
@@ -301,7 +299,9 @@ def build_model_card(robot: Robot, base: BaseParameters, specs: tuple[FunctionSp
 def _check_symbols(robot: Robot) -> None:
     missing = [name for name in find_symbols(robot) if name not in dict(robot.symbols)]
     if missing:
-        text = f"code needs a value for the symbolic length {', '.join(missing)}: add it under [symbols], in m"
+        text = (
+            f"code needs a value for the symbolic length {', '.join(missing)}: add it under [symbols], in m"
+        )
         raise RobotError(Notice(code="robot.symbol-without-value", text=text, file=robot.path))
 
 
@@ -327,6 +327,8 @@ def build_functions(robot: Robot, *, names: tuple[str, ...] | None = None) -> Fu
         outputs = [ca.densify(output) for output in _BUILDERS[spec.name](build)]
         inputs = [build.symbols[port.name] for port in spec.inputs]
         functions.append(
-            ca.Function(spec.name, inputs, outputs, [p.name for p in spec.inputs], [p.name for p in spec.outputs])
+            ca.Function(
+                spec.name, inputs, outputs, [p.name for p in spec.inputs], [p.name for p in spec.outputs]
+            )
         )
     return Functions(card=build_model_card(robot, base, specs), functions=tuple(functions))

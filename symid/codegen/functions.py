@@ -156,7 +156,9 @@ def find_specs(joints: int, beta: int, friction: int) -> tuple[FunctionSpec, ...
             sample("C", "kg m^2/s", "Coriolis matrix", n, n),
         ),
         spec("gravity", "gravity torque", (q, b), sample("g", "N m", "gravity torque")),
-        spec("bias", "Coriolis, centrifugal and gravity torque", (q, dq, b), sample("c", "N m", "bias torque")),
+        spec(
+            "bias", "Coriolis, centrifugal and gravity torque", (q, dq, b), sample("c", "N m", "bias torque")
+        ),
         spec("inverse_dynamics", "torque that gives the acceleration ddq", (q, dq, ddq, b), tau),
         spec(
             "forward_dynamics",

@@ -237,7 +237,7 @@ def _write_parameters(
 def _angular(visible: Sequence[_Visible], label: Label) -> tuple[tuple[int, ...], ...]:
     """Return which components of the angular velocity each attainable velocity of the link holds."""
     rows = visible[label[0]].velocities
-    return tuple(tuple(sorted(column for column in row if column < 3)) for row in rows)  # noqa: PLR2004  w before v
+    return tuple(tuple(sorted(column for column in row if column < 3)) for row in rows)
 
 
 def _write_eliminated(

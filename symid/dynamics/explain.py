@@ -65,7 +65,9 @@ def _describe_motion(robot: Robot, joint: int, angular: Sequence[tuple[int, ...]
         where = "its z axis" if turning[0] == (2,) else "one axis"
         return f"{link} turns about {where} only"
     before = robot.joints[joint].parent
-    return f"{link} turns about {len(turning)} axes" + (f", carried by link {before + 1}" if before >= 0 else "")
+    return f"{link} turns about {len(turning)} axes" + (
+        f", carried by link {before + 1}" if before >= 0 else ""
+    )
 
 
 def explain_grouping(
@@ -86,7 +88,9 @@ def explain_grouping(
     if len(terms) == 1:
         return f"{motion}; no other parameter has the same effect"
     others = ", ".join(other for other, _ in terms[1:])
-    return f"{motion}; it cannot be told from {others}, whose effect at and before joint {joint + 1} is the same"
+    return (
+        f"{motion}; it cannot be told from {others}, whose effect at and before joint {joint + 1} is the same"
+    )
 
 
 def explain_elimination(
@@ -102,7 +106,9 @@ def explain_elimination(
     """
     joint, name = label
     if not groups:
-        return f"no effect: {_describe_motion(robot, joint, angular)}, and neither motion nor gravity shows it"
+        return (
+            f"no effect: {_describe_motion(robot, joint, angular)}, and neither motion nor gravity shows it"
+        )
     into = ", ".join(group for group, _ in groups)
     return f"grouped into {into}: {_explain_transfer(robot, joint, name)}"
 
@@ -121,7 +127,8 @@ def _explain_transfer(robot: Robot, joint: int, name: str) -> str:
             return f"link {number} does not turn against {carrier}, so its inertia adds to that link's"
         return f"where joint {number} slides, this moment does the same work as {carrier}'s own"
     if name in ("M", "MZ"):
-        return f"mass on the axis of joint {number} stays where it is when the joint turns: it moves with {carrier}"
+        return f"mass on the axis of joint {number} stays put when the joint turns: it moves with {carrier}"
     if name == "YY":
-        return f"XX{number} + YY{number} does not change when joint {number} turns: only their difference shows there"
+        own = f"XX{number} {{}} YY{number}"
+        return f"{own.format('+')} is the same however joint {number} turns: only {own.format('-')} shows there"
     return f"at joint {number} its effect equals that of parameters of {carrier} or before"

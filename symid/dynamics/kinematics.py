@@ -1,7 +1,8 @@
 """Frames, velocities and gravity of every link by recursion over the tree.
 
-Input: a robot, an algebra, a state. Output: `Motion` per link, in the link's own frame, and
-the changes of frame (`lift_*`: link to parent, `lower_*`: parent to link).
+Input: a robot, an algebra, a state. Output: `Recursion`: frames and motions of
+all links, each motion in its link's own frame; and the changes of frame (`lift_vector`: link to parent,
+`lower_vector`: parent to link).
 
 A change of frame is done in two steps, the constant part of the placement and the joint's
 own turn, so that the zeros and ones of the constant part cost nothing.
@@ -20,7 +21,9 @@ __all__ = [
     "Frame",
     "Motion",
     "Pose",
+    "Recursion",
     "build_frames",
+    "build_recursion",
     "find_jacobian",
     "find_motions",
     "find_poses",
@@ -31,7 +34,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame(Generic[T]):
-    """A link frame seen from its parent's: constant rotation, then the joint's turn; origin in the parent's axes."""
+    """A link frame seen from its parent's: constant rotation, then the joint's turn (cos, sin); origin."""
 
     fixed: Matrix[T]
     turn: tuple[T, T] | None
@@ -54,6 +57,17 @@ class Motion(Generic[T]):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Recursion(Generic[T]):
+    """A robot in a state: what every form of its dynamics starts from."""
+
+    robot: Robot
+    algebra: Algebra[T]
+    state: State[T]
+    frames: tuple[Frame[T], ...]
+    motions: tuple[Motion[T], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Pose(Generic[T]):
     """A link frame in the base frame: columns of `rotation` are its axes, `origin` in m."""
 
@@ -63,10 +77,16 @@ class Pose(Generic[T]):
 
 def _build_frame(joint: Joint, index: int, algebra: Algebra[T], state: State[T]) -> Frame[T]:
     rows = [[algebra.constant(value) for value in row] for row in joint.placement.rotation]
-    fixed: Matrix[T] = ((rows[0][0], rows[0][1], rows[0][2]), (rows[1][0], rows[1][1], rows[1][2]), (rows[2][0], rows[2][1], rows[2][2]))
+    fixed: Matrix[T] = (
+        (rows[0][0], rows[0][1], rows[0][2]),
+        (rows[1][0], rows[1][1], rows[1][2]),
+        (rows[2][0], rows[2][1], rows[2][2]),
+    )
     x, y, z = (algebra.constant(value) for value in joint.placement.translation)
     if joint.kind is JointKind.REVOLUTE:
-        return Frame(fixed=fixed, turn=(state.cosine[index], state.sine[index]), origin=(x, y, z), revolute=True)
+        return Frame(
+            fixed=fixed, turn=(state.cosine[index], state.sine[index]), origin=(x, y, z), revolute=True
+        )
     along = (algebra.mul(row[2], state.position[index]) for row in fixed)
     x, y, z = (algebra.add(start, step) for start, step in zip((x, y, z), along, strict=True))
     return Frame(fixed=fixed, turn=None, origin=(x, y, z), revolute=False)
@@ -131,18 +151,28 @@ def find_motions(
     return tuple(motions)
 
 
+def build_recursion(robot: Robot, algebra: Algebra[T], state: State[T]) -> Recursion[T]:
+    """Return frames and motions of all links in one state."""
+    frames = build_frames(robot, algebra, state)
+    motions = find_motions(robot, algebra, frames, state.velocity)
+    return Recursion(robot=robot, algebra=algebra, state=state, frames=frames, motions=motions)
+
+
 def _rotation(algebra: Algebra[T], frame: Frame[T]) -> Matrix[T]:
     if frame.turn is None:
         return frame.fixed
     c, s = frame.turn
     zero, one = algebra.zero, algebra.one
-    return multiply_matrices(algebra, frame.fixed, ((c, algebra.neg(s), zero), (s, c, zero), (zero, zero, one)))
+    return multiply_matrices(
+        algebra, frame.fixed, ((c, algebra.neg(s), zero), (s, c, zero), (zero, zero, one))
+    )
 
 
-def find_poses(robot: Robot, algebra: Algebra[T], frames: tuple[Frame[T], ...]) -> tuple[Pose[T], ...]:
+def find_poses(recursion: Recursion[T]) -> tuple[Pose[T], ...]:
     """Return every link frame in the base frame."""
+    algebra = recursion.algebra
     poses: list[Pose[T]] = []
-    for joint, frame in zip(robot.joints, frames, strict=True):
+    for joint, frame in zip(recursion.robot.joints, recursion.frames, strict=True):
         rotation = _rotation(algebra, frame)
         if joint.parent < 0:
             poses.append(Pose(rotation=rotation, origin=frame.origin))
@@ -157,13 +187,12 @@ def find_poses(robot: Robot, algebra: Algebra[T], frames: tuple[Frame[T], ...]) 
     return tuple(poses)
 
 
-def find_jacobian(
-    algebra: Algebra[T], robot: Robot, poses: tuple[Pose[T], ...]
-) -> tuple[tuple[T, ...], ...]:
+def find_jacobian(recursion: Recursion[T]) -> tuple[tuple[T, ...], ...]:
     """Return the geometric Jacobian (6, n) of the last link frame in base axes, linear rows first.
 
     Column of joint j on the path to the last link: (z_j x (p_n - p_j), z_j), or (z_j, 0) if prismatic.
     """
+    robot, algebra, poses = recursion.robot, recursion.algebra, find_poses(recursion)
     zero = algebra.zero
     columns: list[tuple[T, ...]] = [(zero,) * 6] * robot.size
     tip = poses[-1].origin

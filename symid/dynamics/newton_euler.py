@@ -11,9 +11,9 @@ Supported: trees of revolute and prismatic joints, rotor inertias reflected to t
 
 from collections.abc import Mapping
 
-from symid.algebra.scalar import Algebra, State, T
+from symid.algebra.scalar import Algebra, T
 from symid.algebra.vectors import Matrix, Vector, add, cross, dot, multiply_matrices, scale, transpose
-from symid.dynamics.kinematics import Frame, Motion, lift_vector, lower_vector
+from symid.dynamics.kinematics import Frame, Motion, Recursion, lift_vector, lower_vector
 from symid.dynamics.wrenches import (
     Acceleration,
     Wrench,
@@ -23,27 +23,30 @@ from symid.dynamics.wrenches import (
 )
 from symid.robot.description import Robot
 
-__all__ = ["Parameters", "find_accelerations", "find_inverse_dynamics", "find_mass_matrix", "find_reference_rates", "lift_body"]
+__all__ = [
+    "Parameters",
+    "find_accelerations",
+    "find_inverse_dynamics",
+    "find_mass_matrix",
+    "find_reference_rates",
+    "lift_body",
+]
 
 Parameters = Mapping[tuple[int, str], T]
 
 
-def find_accelerations(
-    robot: Robot,
-    algebra: Algebra[T],
-    frames: tuple[Frame[T], ...],
-    motions: tuple[Motion[T], ...],
-    state: State[T],
-) -> tuple[Acceleration[T], ...]:
+def find_accelerations(recursion: Recursion[T]) -> tuple[Acceleration[T], ...]:
     """Return the acceleration of every link, gravity subtracted.
 
     dw_j = R' dw_p + w x z dq + z ddq;  a_j = R' (a_p + dw_p x r + w_p x (w_p x r)) (+ 2 w x z dq + z ddq),
     the bracket at prismatic joints only. Luh, Walker and Paul 1980.
     """
+    robot, algebra, state = recursion.robot, recursion.algebra, recursion.state
+    motions = recursion.motions
     zero = algebra.zero
     still = Acceleration(angular=(zero, zero, zero), linear=_lifted_gravity(robot, algebra))
     result: list[Acceleration[T]] = []
-    for index, (joint, frame) in enumerate(zip(robot.joints, frames, strict=True)):
+    for index, (joint, frame) in enumerate(zip(robot.joints, recursion.frames, strict=True)):
         w_parent = motions[joint.parent].angular if joint.parent >= 0 else (zero, zero, zero)
         parent = result[joint.parent] if joint.parent >= 0 else still
         swing = cross(algebra, w_parent, cross(algebra, w_parent, frame.origin))
@@ -67,21 +70,17 @@ def _lifted_gravity(robot: Robot, algebra: Algebra[T]) -> Vector[T]:
 
 
 def find_reference_rates(
-    robot: Robot,
-    algebra: Algebra[T],
-    frames: tuple[Frame[T], ...],
-    state: State[T],
-    references: tuple[Motion[T], ...],
-    reference_acceleration: tuple[T, ...],
+    recursion: Recursion[T], references: tuple[Motion[T], ...], reference_acceleration: tuple[T, ...]
 ) -> tuple[Acceleration[T], ...]:
     """Return the derivatives of the components of each link's reference velocity, gravity subtracted.
 
     A_j = X A_p + (X v_r,p) x (z dq) + z ddqr, in link axes; X v_r,p is v_r,j without its own joint.
     """
+    robot, algebra, state = recursion.robot, recursion.algebra, recursion.state
     zero = algebra.zero
     still = Acceleration(angular=(zero, zero, zero), linear=_lifted_gravity(robot, algebra))
     result: list[Acceleration[T]] = []
-    for index, (joint, frame) in enumerate(zip(robot.joints, frames, strict=True)):
+    for index, (joint, frame) in enumerate(zip(robot.joints, recursion.frames, strict=True)):
         parent = result[joint.parent] if joint.parent >= 0 else still
         turned = add(algebra, parent.linear, cross(algebra, parent.angular, frame.origin))
         angular = lower_vector(algebra, frame, parent.angular)
@@ -124,7 +123,9 @@ def _link_wrench(
     """Return the wrench that moves a link; see `wrenches.find_inertial_wrench`."""
     tensor, moments, mass = body
     swing = cross(algebra, angular, cross(algebra, angular, moments))
-    force = add(algebra, scale(algebra, mass, acceleration.linear), cross(algebra, acceleration.angular, moments))
+    force = add(
+        algebra, scale(algebra, mass, acceleration.linear), cross(algebra, acceleration.angular, moments)
+    )
     spin = cross(algebra, angular, _apply(algebra, tensor, angular))
     moment = add(algebra, _apply(algebra, tensor, acceleration.angular), spin)
     return Wrench(
@@ -133,16 +134,11 @@ def _link_wrench(
     )
 
 
-def find_inverse_dynamics(
-    robot: Robot,
-    algebra: Algebra[T],
-    frames: tuple[Frame[T], ...],
-    motions: tuple[Motion[T], ...],
-    state: State[T],
-    parameters: Parameters[T],
-) -> tuple[T, ...]:
+def find_inverse_dynamics(recursion: Recursion[T], parameters: Parameters[T]) -> tuple[T, ...]:
     """Return the joint torques without friction (Luh, Walker and Paul 1980)."""
-    accelerations = find_accelerations(robot, algebra, frames, motions, state)
+    robot, algebra, frames = recursion.robot, recursion.algebra, recursion.frames
+    motions, state = recursion.motions, recursion.state
+    accelerations = find_accelerations(recursion)
     wrenches = [
         _link_wrench(algebra, _gather(algebra, parameters, link), motions[link].angular, accelerations[link])
         for link in range(robot.size)
@@ -203,24 +199,27 @@ def _add_bodies(
     return (first, second, third), add(algebra, left[1], right[1]), algebra.add(left[2], right[2])
 
 
-def find_mass_matrix(
-    robot: Robot, algebra: Algebra[T], frames: tuple[Frame[T], ...], parameters: Parameters[T]
-) -> tuple[tuple[T, ...], ...]:
+def find_mass_matrix(recursion: Recursion[T], parameters: Parameters[T]) -> tuple[tuple[T, ...], ...]:
     """Return the mass matrix, rotor inertias on its diagonal (composite bodies, Walker and Orin 1982)."""
+    robot, algebra, frames = recursion.robot, recursion.algebra, recursion.frames
     zero = algebra.zero
     matrix = [[zero] * robot.size for _ in range(robot.size)]
     bodies = [_gather(algebra, parameters, link) for link in range(robot.size)]
     for joint in reversed(range(robot.size)):
-        tensor, (mx, my, mz), mass = bodies[joint]
+        tensor, (mx, my, _), mass = bodies[joint]
         if frames[joint].revolute:
-            wrench = Wrench(force=(algebra.neg(my), mx, zero), moment=(tensor[0][2], tensor[1][2], tensor[2][2]))
+            wrench = Wrench(
+                force=(algebra.neg(my), mx, zero), moment=(tensor[0][2], tensor[1][2], tensor[2][2])
+            )
         else:
             wrench = Wrench(force=(zero, zero, mass), moment=(my, algebra.neg(mx), zero))
         rotor = parameters.get((joint, "IA"), zero)
         matrix[joint][joint] = algebra.add(project_on_axis(frames[joint], wrench), rotor)
         parent, child = robot.joints[joint].parent, joint
         if parent >= 0:
-            bodies[parent] = _add_bodies(algebra, bodies[parent], lift_body(algebra, frames[joint], bodies[joint]))
+            bodies[parent] = _add_bodies(
+                algebra, bodies[parent], lift_body(algebra, frames[joint], bodies[joint])
+            )
         while parent >= 0:
             wrench = lift_wrench(algebra, frames[child], wrench)
             entry = project_on_axis(frames[parent], wrench)

@@ -11,9 +11,9 @@ Supported: the ten standard parameters of each link and IA, the reflected rotor 
 
 from collections.abc import Callable, Sequence
 
-from symid.algebra.scalar import Algebra, State, T
+from symid.algebra.scalar import T
 from symid.algebra.vectors import Vector, cross, dot
-from symid.dynamics.kinematics import Frame, Motion, find_motions
+from symid.dynamics.kinematics import Recursion, find_motions
 from symid.dynamics.newton_euler import find_accelerations, find_reference_rates
 from symid.dynamics.wrenches import (
     Wrench,
@@ -24,26 +24,31 @@ from symid.dynamics.wrenches import (
     project_columns,
     project_on_axis,
 )
-from symid.robot.description import Robot
 
-__all__ = ["Columns", "Key", "find_lagrange_columns", "find_momentum_columns", "find_slotine_li_columns", "find_torque_columns"]
+__all__ = [
+    "Columns",
+    "Key",
+    "find_lagrange_columns",
+    "find_momentum_columns",
+    "find_slotine_li_columns",
+    "find_torque_columns",
+]
 
 Key = tuple[int, str]
 Columns = dict[Key, Sequence[T]]
 
 
 def _collect(
-    robot: Robot,
-    algebra: Algebra[T],
-    frames: tuple[Frame[T], ...],
+    recursion: Recursion[T],
     keys: Sequence[Key],
     link_wrench: Callable[[int, str], Wrench[T]],
     rotor: Sequence[T],
 ) -> Columns[T]:
     """Return the columns of `keys`: wrenches projected on the axes; `rotor` per unit of IA."""
+    robot, algebra, frames = recursion.robot, recursion.algebra, recursion.frames
     wrenches = {(link, name): link_wrench(link, name) for link, name in keys if name != "IA"}
     columns = project_columns(
-        robot, algebra, frames, wrenches, lambda joint, wrench: project_on_axis(frames[joint], wrench)
+        recursion, wrenches, lambda joint, wrench: project_on_axis(frames[joint], wrench)
     )
     for joint, name in keys:
         if name == "IA":
@@ -51,80 +56,60 @@ def _collect(
     return {key: columns[key] for key in keys}
 
 
-def find_torque_columns(
-    robot: Robot,
-    algebra: Algebra[T],
-    frames: tuple[Frame[T], ...],
-    motions: tuple[Motion[T], ...],
-    state: State[T],
-    keys: Sequence[Key],
-) -> Columns[T]:
+def find_torque_columns(recursion: Recursion[T], keys: Sequence[Key]) -> Columns[T]:
     """Return the torque regressor's columns: tau = Y(q, dq, ddq) pi."""
-    accelerations = find_accelerations(robot, algebra, frames, motions, state)
+    algebra, motions = recursion.algebra, recursion.motions
+    accelerations = find_accelerations(recursion)
     return _collect(
-        robot,
-        algebra,
-        frames,
+        recursion,
         keys,
         lambda link, name: find_inertial_wrench(algebra, name, motions[link].angular, accelerations[link]),
-        state.acceleration,
+        recursion.state.acceleration,
     )
 
 
 def find_slotine_li_columns(
-    robot: Robot,
-    algebra: Algebra[T],
-    frames: tuple[Frame[T], ...],
-    motions: tuple[Motion[T], ...],
-    state: State[T],
-    reference: tuple[tuple[T, ...], tuple[T, ...]],
-    keys: Sequence[Key],
+    recursion: Recursion[T], reference: tuple[tuple[T, ...], tuple[T, ...]], keys: Sequence[Key]
 ) -> Columns[T]:
     """Return the columns of M ddqr + C dqr + g (Slotine and Li 1987).
 
     Args:
-        robot, algebra, frames, motions, state, keys: as for the torque regressor.
-        reference: dqr and ddqr.
+        recursion: the robot in its state (q, dq).
+        reference: dqr and ddqr, rad/s and rad/s^2.
+        keys: the parameters wanted.
     """
     velocity, acceleration = reference
-    references = find_motions(robot, algebra, frames, velocity)
-    rates = find_reference_rates(robot, algebra, frames, state, references, acceleration)
+    algebra, motions = recursion.algebra, recursion.motions
+    references = find_motions(recursion.robot, algebra, recursion.frames, velocity)
+    rates = find_reference_rates(recursion, references, acceleration)
     return _collect(
-        robot,
-        algebra,
-        frames,
+        recursion,
         keys,
-        lambda link, name: find_slotine_li_wrench(algebra, name, motions[link], references[link], rates[link]),
+        lambda link, name: find_slotine_li_wrench(
+            algebra, name, motions[link], references[link], rates[link]
+        ),
         acceleration,
     )
 
 
-def find_momentum_columns(
-    robot: Robot,
-    algebra: Algebra[T],
-    frames: tuple[Frame[T], ...],
-    motions: tuple[Motion[T], ...],
-    state: State[T],
-    keys: Sequence[Key],
-) -> Columns[T]:
+def find_momentum_columns(recursion: Recursion[T], keys: Sequence[Key]) -> Columns[T]:
     """Return the momentum regressor's columns: dT/ddq = Yp(q, dq) pi."""
     return _collect(
-        robot, algebra, frames, keys, lambda link, name: find_momentum(algebra, name, motions[link]), state.velocity
+        recursion,
+        keys,
+        lambda link, name: find_momentum(recursion.algebra, name, recursion.motions[link]),
+        recursion.state.velocity,
     )
 
 
-def find_lagrange_columns(
-    robot: Robot,
-    algebra: Algebra[T],
-    frames: tuple[Frame[T], ...],
-    motions: tuple[Motion[T], ...],
-    keys: Sequence[Key],
-) -> Columns[T]:
+def find_lagrange_columns(recursion: Recursion[T], keys: Sequence[Key]) -> Columns[T]:
     """Return the columns of dL/dq = dT/dq - dV/dq.
 
     dT/dq_k is the momentum beyond joint k times v_k x z_k, the change of the link's velocity by
     its joint's coordinate; -dV/dq_k the weight beyond joint k projected on its axis.
     """
+    robot, algebra, frames = recursion.robot, recursion.algebra, recursion.frames
+    motions = recursion.motions
     zero = algebra.zero
     axis: Vector[T] = (zero, zero, algebra.one)
 
@@ -138,9 +123,9 @@ def find_lagrange_columns(
     links = [key for key in keys if key[1] != "IA"]
     momenta = {(link, name): find_momentum(algebra, name, motions[link]) for link, name in links}
     weights = {(link, name): find_gravity_wrench(algebra, name, motions[link]) for link, name in links}
-    kinetic = project_columns(robot, algebra, frames, momenta, project)
+    kinetic = project_columns(recursion, momenta, project)
     potential = project_columns(
-        robot, algebra, frames, weights, lambda joint, wrench: project_on_axis(frames[joint], wrench)
+        recursion, weights, lambda joint, wrench: project_on_axis(frames[joint], wrench)
     )
     columns: Columns[T] = {}
     for key in keys:

@@ -15,7 +15,14 @@ from sympy.polys.domains.domain import Domain
 from sympy.polys.rings import PolyElement
 
 from symid.algebra.elimination import Row
-from symid.algebra.exact import ExactAlgebra, build_exact_algebra, build_exact_state, find_domain, find_generators, find_symbols
+from symid.algebra.exact import (
+    ExactAlgebra,
+    build_exact_algebra,
+    build_exact_state,
+    find_domain,
+    find_generators,
+    find_symbols,
+)
 from symid.algebra.vectors import add, cross
 from symid.dynamics.kinematics import build_frames, lower_vector
 from symid.dynamics.newton_euler import lift_body
@@ -48,7 +55,9 @@ def find_field(robot: Robot) -> Domain:
     return domain.frac_field(*names) if names else domain
 
 
-def _split(algebra: ExactAlgebra, field: Domain, columns: Sequence[Sequence[PolyElement]]) -> tuple[Linear, ...]:
+def _split(
+    algebra: ExactAlgebra, field: Domain, columns: Sequence[Sequence[PolyElement]]
+) -> tuple[Linear, ...]:
     """Return one matrix per function of the coordinate from columns of polynomials."""
     ring = algebra.ring
     names = [str(symbol) for symbol in ring.symbols]

@@ -13,10 +13,9 @@ from dataclasses import dataclass
 from typing import Generic
 
 from symid.algebra.scalar import Algebra, T
-from symid.algebra.vectors import Vector, add, cross, scale
-from symid.dynamics.kinematics import Frame, Motion, lift_vector
+from symid.algebra.vectors import Vector, add, cross
+from symid.dynamics.kinematics import Frame, Motion, Recursion, lift_vector
 from symid.notation import INERTIAL
-from symid.robot.description import Robot
 
 __all__ = [
     "Acceleration",
@@ -29,13 +28,12 @@ __all__ = [
     "lift_wrench",
     "project_columns",
     "project_on_axis",
-    "scale_wrench",
 ]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wrench(Generic[T]):
-    """A force (N) and a moment (N m) about the link frame's origin; or a momentum pair (kg m/s, kg m^2/s)."""
+    """A force (N) and a moment (N m) about the link frame's origin; or momenta (kg m/s, kg m^2/s)."""
 
     force: Vector[T]
     moment: Vector[T]
@@ -43,7 +41,7 @@ class Wrench(Generic[T]):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Acceleration(Generic[T]):
-    """The acceleration of a link in its own frame: rad/s^2 and m/s^2, of the frame's origin, gravity subtracted."""
+    """The acceleration of a link in its own frame, of its origin, gravity subtracted: rad/s^2, m/s^2."""
 
     angular: Vector[T]
     linear: Vector[T]
@@ -51,7 +49,7 @@ class Acceleration(Generic[T]):
 
 def _unit(algebra: Algebra[T], axis: int) -> Vector[T]:
     zero, one = algebra.zero, algebra.one
-    return (one if axis == 0 else zero, one if axis == 1 else zero, one if axis == 2 else zero)  # noqa: PLR2004
+    return (one if axis == 0 else zero, one if axis == 1 else zero, one if axis == 2 else zero)
 
 
 _TENSOR = {"XX": (0, 0), "XY": (0, 1), "XZ": (0, 2), "YY": (1, 1), "YZ": (1, 2), "ZZ": (2, 2)}
@@ -141,14 +139,7 @@ def lift_wrench(algebra: Algebra[T], frame: Frame[T], wrench: Wrench[T]) -> Wren
 
 def add_wrenches(algebra: Algebra[T], left: Wrench[T], right: Wrench[T]) -> Wrench[T]:
     """Return left + right."""
-    return Wrench(
-        force=add(algebra, left.force, right.force), moment=add(algebra, left.moment, right.moment)
-    )
-
-
-def scale_wrench(algebra: Algebra[T], factor: T, wrench: Wrench[T]) -> Wrench[T]:
-    """Return factor * wrench."""
-    return Wrench(force=scale(algebra, factor, wrench.force), moment=scale(algebra, factor, wrench.moment))
+    return Wrench(force=add(algebra, left.force, right.force), moment=add(algebra, left.moment, right.moment))
 
 
 def project_on_axis(frame: Frame[T], wrench: Wrench[T]) -> T:
@@ -157,9 +148,7 @@ def project_on_axis(frame: Frame[T], wrench: Wrench[T]) -> T:
 
 
 def project_columns(
-    robot: Robot,
-    algebra: Algebra[T],
-    frames: tuple[Frame[T], ...],
+    recursion: Recursion[T],
     columns: Mapping[tuple[int, str], Wrench[T]],
     project: Callable[[int, Wrench[T]], T],
 ) -> dict[tuple[int, str], Sequence[T]]:
@@ -168,6 +157,7 @@ def project_columns(
     `project(joint, wrench)` is called at the link's own joint and at each joint below it
     on the way to the base; joints that do not carry the link get zero.
     """
+    robot, algebra, frames = recursion.robot, recursion.algebra, recursion.frames
     result: dict[tuple[int, str], Sequence[T]] = {}
     for (link, name), own in columns.items():
         entries = [algebra.zero] * robot.size

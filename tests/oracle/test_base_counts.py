@@ -1,0 +1,151 @@
+"""Base parameters: known counts, and two independent ways to find the rank."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from sympy import QQ, Matrix
+
+from symid.algebra.elimination import reduce_rows
+from symid.dynamics.base import find_base_parameters
+from symid.dynamics.lagrange import derive_energy
+from symid.robot.description import FrictionKind
+from tests.chains import (
+    PANDA,
+    PI,
+    PUMA560,
+    STANFORD,
+    TWO_LINK,
+    build_chain,
+    build_pinocchio,
+    draw_parameters,
+    order_regressor,
+    trees,
+)
+
+SCARA = build_chain(
+    [(0.0, 0, 0, "q"), (0.0, 0.35, 0, "q"), (0.0, 0.3, 0, "q"), (0.0, 0, "q", 0.0)], name="scara"
+)
+PPR = build_chain([(0.0, 0, "q", 0.0), (-PI / 2, 0, "q", -PI / 2), (-PI / 2, 0, 0, "q")], name="ppr")
+RRP = build_chain([(0.0, 0, 0, "q"), (PI / 6, 0.2, 0.1, "q"), (PI / 3, 0.1, "q", 0.0)], name="rrp")
+KNOWN = [(TWO_LINK, 6), (PUMA560, 36), (PANDA, 43), (STANFORD, 33), (SCARA, 8), (PPR, 5), (RRP, 12)]
+
+
+@pytest.mark.parametrize(("robot", "count"), KNOWN, ids=lambda value: getattr(value, "name", str(value)))
+def test_known_counts(robot, count):
+    assert find_base_parameters(robot).count == count
+
+
+def find_energy_rank(robot):
+    """Rank of the exact energy regressor's coefficient matrix; a constant potential is no information."""
+    energy = derive_energy(robot)
+    monomials = {}
+    rows = []
+    constant = (0,) * len(energy.algebra.ring.gens)
+    for key in energy.keys:
+        row = {}
+        # T and V are separate functions: a monomial of T holds velocities, one of V does not.
+        for polynomial in (energy.kinetic[key], energy.potential[key]):
+            for monomial, value in polynomial.items():
+                if monomial != constant:
+                    row[monomials.setdefault(monomial, len(monomials))] = value
+        rows.append(row)
+    return len(reduce_rows(rows).pivots)
+
+
+@pytest.mark.parametrize(("robot", "count"), KNOWN, ids=lambda value: getattr(value, "name", str(value)))
+def test_count_equals_the_rank_of_the_exact_energy_regressor(robot, count):
+    assert find_energy_rank(robot) == count
+
+
+@settings(max_examples=60, deadline=None)
+@given(robot=trees(most=4, rotors=True))
+def test_count_equals_the_exact_rank_on_random_trees(robot):
+    assert find_base_parameters(robot).count == find_energy_rank(robot)
+
+
+def sample_regressor(robot, samples, seed):
+    rng = np.random.default_rng(seed)
+    model = build_pinocchio(robot, draw_parameters(rng, robot.size))
+    data = model.createData()
+    blocks = []
+    for _ in range(samples):
+        q, dq, ddq = rng.uniform(-3, 3, (3, robot.size))
+        blocks.append(order_regressor(pin.computeJointTorqueRegressor(model, data, q, dq, ddq)))
+    return np.vstack(blocks)
+
+
+@pytest.mark.parametrize(("robot", "count"), KNOWN, ids=lambda value: getattr(value, "name", str(value)))
+def test_count_equals_the_rank_of_pinocchio(robot, count):
+    values = np.linalg.svd(sample_regressor(robot, 200, 3), compute_uv=False)
+    assert values[count - 1] / values[0] > 1e-6
+    assert values[count] / values[count - 1] < 1e-8
+
+
+@pytest.mark.parametrize("robot", [TWO_LINK, PUMA560, PANDA, STANFORD, RRP], ids=lambda r: r.name)
+def test_grouping_reproduces_every_column_of_pinocchio(robot):
+    """Y pi = Y[:, representatives] K pi for all pi: the grouping matrix is right, entry by entry."""
+    base = find_base_parameters(robot)
+    column = {label: k for k, label in enumerate(base.labels)}
+    grouping = np.zeros((base.count, len(base.labels)))
+    for row, parameter in enumerate(base.parameters):
+        for label, value in parameter.terms:
+            grouping[row, column[label]] = float(value)
+    regressor = sample_regressor(robot, 20, 4)
+    kept = regressor[:, [column[key] for key in base.keys]]
+    np.testing.assert_allclose(kept @ grouping, regressor, rtol=0, atol=1e-11 * np.abs(regressor).max())
+
+
+def test_drives_and_friction_belong_to_the_set():
+    """A WAM-like arm: 43 link parameters, 69 of 98 with IA, Fv, Fc and offset per joint."""
+    base = find_base_parameters(
+        build_chain(
+            [(0.0, 0, 0, "q")]
+            + [
+                (PI / 2 * sign, a, d, "q")
+                for sign, a, d in [
+                    (-1, 0, 0),
+                    (1, 0, 0.55),
+                    (-1, 0.045, 0),
+                    (1, -0.045, 0.3),
+                    (-1, 0, 0),
+                    (1, 0, 0.06),
+                ]
+            ],
+            rotors=True,
+            friction=FrictionKind.VISCOUS_COULOMB_OFFSET,
+        )
+    )
+    assert len(base.labels) == 98
+    assert base.count + len(base.friction) == 69
+
+
+def test_an_offset_on_a_vertical_slide_with_rotor_is_a_weight():
+    slide = build_chain([(0.0, 0, "q", 0.0)], rotors=True, friction=FrictionKind.VISCOUS_COULOMB_OFFSET)
+    base = find_base_parameters(slide)
+    # Force M (ddq + g) + IA ddq + offset + Fv dq + Fc sign dq: ddq, 1, dq, sign dq are all there is.
+    assert base.count + len(base.friction) == 4
+    assert "offset1" in {parameter.name for parameter in base.eliminated}
+
+
+def test_textbook_expressions_with_symbolic_lengths():
+    """Khalil and Dombre: the planar 2R groups M2 into ZZ1 and MX1."""
+    arm = build_chain([(0.0, 0, 0, "q"), (0.0, "L1", 0, "q")], gravity=("0", "-9.81", "0"))
+    expressions = {parameter.name: parameter.expression for parameter in find_base_parameters(arm).parameters}
+    assert expressions == {
+        "ZZR1": "ZZ1 + L1^2*M2",
+        "MXR1": "MX1 + L1*M2",
+        "MY1": "MY1",
+        "ZZ2": "ZZ2",
+        "MX2": "MX2",
+        "MY2": "MY2",
+    }
+
+
+def test_elimination_equals_sympy_rref():
+    rows = [[1, 2, 0, 3], [2, 4, 1, 1], [3, 6, 1, 4], [0, 0, 2, -10]]
+    reduced, pivots = Matrix(rows).rref()
+    ours = reduce_rows([{k: QQ(v) for k, v in enumerate(row) if v} for row in rows])
+    assert ours.pivots == pivots
+    expected = [[reduced[r, c] for c in range(4)] for r in range(len(pivots))]
+    assert [[row.get(c, 0) for c in range(4)] for row in ours.rows] == expected
