@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 from hypothesis import strategies as st
+from sympy import QQ
 
 from symid.robot.description import Drive, FrictionKind, FrictionValues, Joint, JointKind, Robot
 from symid.robot.geometry import Exact, Placement, find_angle, place_modified_dh
@@ -86,6 +87,20 @@ def draw_parameters(rng: np.random.Generator, links: int) -> np.ndarray:
         tensor = sum(m * (p @ p * np.eye(3) - np.outer(p, p)) for m, p in zip(masses, points, strict=True))
         result.append([*tensor[0], *tensor[1, 1:], tensor[2, 2], *first, masses.sum()])
     return np.array(result)
+
+
+def draw_rational_state(robot, seed):
+    """Return exact values of the generators with s^2 + c^2 = 1, and the same state as floats (3, n)."""
+    rng = np.random.default_rng(seed)
+    values, state = {}, np.zeros((3, robot.size))
+    for k, joint in enumerate(robot.joints):
+        t, position, velocity, acceleration = (QQ(int(v), 50) for v in rng.integers(-99, 100, 4))
+        sine, cosine = 2 * t / (1 + t * t), (1 - t * t) / (1 + t * t)
+        values |= {f"s{k + 1}": sine, f"c{k + 1}": cosine, f"q{k + 1}": position}
+        values |= {f"dq{k + 1}": velocity, f"ddq{k + 1}": acceleration}
+        angle = np.arctan2(float(sine), float(cosine))
+        state[:, k] = angle if joint.kind is JointKind.REVOLUTE else position, velocity, acceleration
+    return values, state
 
 
 _ANGLES = st.sampled_from([0.0, np.pi / 2, -np.pi / 2, np.pi / 4, np.pi / 6, np.pi, 0.3])

@@ -9,7 +9,7 @@ Supported: revolute joints (s, c), prismatic joints (q), symbolic lengths.
 Not supported: division (the recursion has none).
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,6 +26,7 @@ __all__ = [
     "build_exact_algebra",
     "build_exact_state",
     "differentiate",
+    "find_constant",
     "find_domain",
     "find_generators",
     "find_number",
@@ -64,6 +65,15 @@ def find_generators(field: Domain) -> dict[str, Any]:
     """Return the symbolic lengths of a field of rational functions; none for a field of numbers."""
     names = (str(symbol) for symbol in getattr(field, "symbols", ()) or ())
     return dict(zip(names, getattr(field, "gens", ()) or (), strict=False))
+
+
+def find_constant(value: Exact, domain: Domain, symbols: Mapping[str, Any]) -> Any:  # noqa: ANN401  as above
+    """Return `value` as a number of `domain`, its symbolic lengths replaced by `symbols`."""
+    total = domain.zero
+    for name, surd in value.terms:
+        number = _find_surd(surd, domain)
+        total += number * symbols[name] if name else number
+    return total
 
 
 def find_number(value: Exact, domain: Domain, field: Domain) -> Any:  # noqa: ANN401  an element of `field`

@@ -130,5 +130,7 @@ def _explain_transfer(robot: Robot, joint: int, name: str) -> str:
         return f"mass on the axis of joint {number} stays put when the joint turns: it moves with {carrier}"
     if name == "YY":
         own = f"XX{number} {{}} YY{number}"
-        return f"{own.format('+')} is the same however joint {number} turns: only {own.format('-')} shows there"
+        return (
+            f"{own.format('+')} is the same however joint {number} turns: only {own.format('-')} shows there"
+        )
     return f"at joint {number} its effect equals that of parameters of {carrier} or before"

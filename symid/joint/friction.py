@@ -74,7 +74,9 @@ def _asymmetric(algebra: FrictionAlgebra[V], velocity: V) -> tuple[V, ...]:
 FRICTION_MODELS: dict[FrictionKind, FrictionModel] = {
     model.kind: model
     for model in (
-        FrictionModel(kind=FrictionKind.NONE, parameters=(), columns=lambda _algebra, _velocity: (), formula="0"),
+        FrictionModel(
+            kind=FrictionKind.NONE, parameters=(), columns=lambda _algebra, _velocity: (), formula="0"
+        ),
         FrictionModel(
             kind=FrictionKind.VISCOUS_COULOMB,
             parameters=("Fv", "Fc"),

@@ -1,13 +1,11 @@
 """The Lagrangian forms, derived from the energy, equal the recursion; all of it in exact arithmetic."""
 
-import random
-
 import pytest
 from hypothesis import given, settings
 from sympy import QQ
 
 from symid.algebra.exact import build_exact_state
-from symid.algebra.scalar import State
+from symid.algebra.points import PointAlgebra, build_point_state
 from symid.dynamics.kinematics import build_recursion
 from symid.dynamics.lagrange import (
     derive_energy,
@@ -22,7 +20,7 @@ from symid.dynamics.regressors import (
     find_slotine_li_columns,
     find_torque_columns,
 )
-from tests.chains import PANDA, PUMA560, STANFORD, TWO_LINK, build_chain, cut, trees
+from tests.chains import PANDA, PUMA560, STANFORD, TWO_LINK, build_chain, cut, draw_rational_state, trees
 
 
 def assert_identical(robot):
@@ -60,58 +58,13 @@ def test_lagrange_equals_newton_euler_on_random_trees(robot):
     assert_identical(robot)
 
 
-def draw_rational_point(robot, seed):
-    """Return exact values of all generators with s^2 + c^2 = 1."""
-    rng = random.Random(seed)  # noqa: S311  test data
-    values = {}
-    for number in range(1, robot.size + 1):
-        t = QQ(rng.randint(-99, 99), 50)
-        values |= {f"s{number}": 2 * t / (1 + t * t), f"c{number}": (1 - t * t) / (1 + t * t)}
-        values |= {f"q{number}": QQ(rng.randint(-9, 9), 7), f"dq{number}": QQ(rng.randint(-99, 99), 13)}
-        values[f"ddq{number}"] = QQ(rng.randint(-99, 99), 17)
-    return values
-
-
-class Rationals:
-    """The recursion's algebra over rational numbers."""
-
-    zero, one = QQ(0), QQ(1)
-
-    def constant(self, value):
-        one, *roots = value.coefficient("")
-        assert not any(roots)
-        return QQ(one.numerator, one.denominator)
-
-    def add(self, left, right):
-        return left + right
-
-    def sub(self, left, right):
-        return left - right
-
-    def mul(self, left, right):
-        return left * right
-
-    def neg(self, value):
-        return -value
-
-    def half(self, value):
-        return value / 2
-
-
 @pytest.mark.parametrize("robot", [PUMA560, PANDA, STANFORD], ids=lambda r: r.name)
 @pytest.mark.parametrize("seed", [1, 2])
 def test_lagrange_equals_newton_euler_at_rational_points(robot, seed):
-    values = draw_rational_point(robot, seed)
+    values, _ = draw_rational_state(robot, seed)
     energy = derive_energy(robot)
     from_energy = evaluate_torque_columns(energy, energy.keys, values)
-
-    def take(prefix):
-        return tuple(values[f"{prefix}{number}"] for number in range(1, robot.size + 1))
-
-    algebra = Rationals()
-    state = State(
-        sine=take("s"), cosine=take("c"), position=take("q"), velocity=take("dq"), acceleration=take("ddq")
-    )
-    by_recursion = find_torque_columns(build_recursion(robot, algebra, state), energy.keys)
+    state = build_point_state(robot, values)
+    by_recursion = find_torque_columns(build_recursion(robot, PointAlgebra(QQ, values), state), energy.keys)
     assert from_energy == {key: list(column) for key, column in by_recursion.items()}
     assert any(entry for column in from_energy.values() for entry in column)

@@ -4,7 +4,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from hypothesis import given, settings
-from sympy import QQ
 
 from symid.algebra.floats import FloatAlgebra, build_float_state
 from symid.codegen.casadi_functions import build_functions
@@ -14,7 +13,6 @@ from symid.dynamics.kinematics import build_recursion
 from symid.dynamics.lagrange import derive_energy, evaluate_torque_columns
 from symid.dynamics.regressors import find_torque_columns
 from symid.notation import INERTIAL
-from symid.robot.description import JointKind
 from tests.chains import (
     PANDA,
     PUMA560,
@@ -22,6 +20,7 @@ from tests.chains import (
     TWO_LINK,
     build_pinocchio,
     draw_parameters,
+    draw_rational_state,
     order_regressor,
     trees,
 )
@@ -68,20 +67,6 @@ def test_torque_regressor_from_the_energy_equals_pinocchio(robot, seed):
     theirs = order_regressor(pin.computeJointTorqueRegressor(model, data, q, dq, ddq))
     assert_close(ours, theirs)
     assert_close(ours @ parameters.ravel(), pin.rnea(model, data, q, dq, ddq))
-
-
-def draw_rational_state(robot, seed):
-    """Return exact values of the generators, and the same state as floats."""
-    rng = np.random.default_rng(seed)
-    values, state = {}, np.zeros((3, robot.size))
-    for k, joint in enumerate(robot.joints):
-        t, position, velocity, acceleration = (QQ(int(v), 50) for v in rng.integers(-99, 100, 4))
-        sine, cosine = 2 * t / (1 + t * t), (1 - t * t) / (1 + t * t)
-        values |= {f"s{k + 1}": sine, f"c{k + 1}": cosine, f"q{k + 1}": position}
-        values |= {f"dq{k + 1}": velocity, f"ddq{k + 1}": acceleration}
-        angle = np.arctan2(float(sine), float(cosine))
-        state[:, k] = angle if joint.kind is JointKind.REVOLUTE else position, velocity, acceleration
-    return values, state
 
 
 @settings(max_examples=40, deadline=None)

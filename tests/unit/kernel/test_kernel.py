@@ -1,0 +1,125 @@
+"""Errors, notation, provenance, arrays."""
+
+from dataclasses import dataclass
+from enum import Enum
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from symid.arrays import freeze
+from symid.errors import Notice, RobotError, SymidError
+from symid.notation import INERTIAL, SYMBOLS, find_unit
+from symid.provenance import find_signature, write_canonical
+
+
+@pytest.mark.parametrize(
+    ("place", "text"),
+    [
+        ({}, "wrong"),
+        ({"file": "a.toml"}, "a.toml: wrong"),
+        ({"file": "a.toml", "line": 3}, "a.toml:3: wrong"),
+        ({"file": "a.toml", "line": 3, "column": 9}, "a.toml:3:9: wrong"),
+    ],
+)
+def test_a_notice_says_where(place, text):
+    assert str(Notice(code="x.y", text="wrong", **place)) == text
+
+
+def test_an_error_carries_all_its_notices():
+    first, second = Notice(code="a.b", text="one"), Notice(code="a.c", text="two")
+    error = RobotError(first, second)
+    assert error.notices == (first, second)
+    assert str(error) == "one\ntwo"
+    assert (error.exit_code, SymidError.exit_code) == (3, 70)
+
+
+def test_the_table_of_symbols_has_no_doubles():
+    names = [symbol.name for symbol in SYMBOLS]
+    assert len(set(names)) == len(names)
+    assert set(INERTIAL) <= set(names)
+    assert (find_unit("q"), find_unit("q", prismatic=True)) == ("rad", "m")
+
+
+class Colour(Enum):
+    RED = "red"
+
+
+@dataclass(frozen=True)
+class Pair:
+    left: int
+    right: str
+
+
+@dataclass(frozen=True)
+class Other:
+    left: int
+    right: str
+
+
+VALUES = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats(allow_nan=False)
+    | st.text()
+    | st.binary()
+    | st.fractions(),
+    lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
+)
+
+
+@given(left=VALUES, right=VALUES)
+def test_signatures_differ_exactly_when_values_do(left, right):
+    same = repr(left) == repr(right)
+    if same:
+        assert find_signature(left) == find_signature(right)
+    elif left != right:
+        assert find_signature(left) != find_signature(right)
+
+
+def test_types_of_equal_looking_values_are_told_apart():
+    values = [
+        1,
+        True,
+        "1",
+        b"1",
+        1.0,
+        None,
+        (1,),
+        {"1": 1},
+        Pair(1, "1"),
+        Other(1, "1"),
+        Fraction(1, 2),
+        Colour.RED,
+    ]
+    assert len({write_canonical(value) for value in values}) == len(values)
+
+
+def test_concatenation_is_no_collision():
+    assert find_signature("ab", "c") != find_signature("a", "bc")
+    assert write_canonical({"b": 1, "a": 2}) == write_canonical({"a": 2, "b": 1})
+
+
+def test_arrays_are_signed_by_type_shape_and_bytes():
+    array = np.arange(4.0)
+    assert find_signature(array) == find_signature(array.copy())
+    assert find_signature(array) != find_signature(array.reshape(2, 2))
+    assert find_signature(array) != find_signature(array.astype(np.float32))
+
+
+@pytest.mark.parametrize("value", [{1, 2}, object()])
+def test_what_has_no_order_has_no_signature(value):
+    with pytest.raises(TypeError, match="no canonical form"):
+        write_canonical(value)
+
+
+def test_frozen_arrays_are_private_copies():
+    source = np.arange(3.0)
+    frozen = freeze(source)
+    source[0] = 9.0
+    assert frozen[0] == 0.0
+    with pytest.raises(ValueError, match="read-only"):
+        frozen[0] = 1.0
