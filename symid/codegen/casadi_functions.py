@@ -25,9 +25,10 @@ from symid.codegen.functions import (
     find_specs,
 )
 from symid.dynamics.base import BaseParameter, BaseParameters, Label, find_base_parameters
+from symid.dynamics.composite import find_mass_matrix
 from symid.dynamics.energy import find_energy_rows
 from symid.dynamics.kinematics import Recursion, build_recursion, find_jacobian, find_poses
-from symid.dynamics.newton_euler import find_inverse_dynamics, find_mass_matrix
+from symid.dynamics.newton_euler import find_inverse_dynamics, find_slotine_li_torques
 from symid.dynamics.regressors import (
     Columns,
     find_lagrange_columns,
@@ -148,8 +149,7 @@ def _coriolis_matrix(build: _Build) -> tuple[ca.SX, ...]:
     columns = []
     for k in range(n):
         reference = (tuple(algebra.one if j == k else algebra.zero for j in range(n)), build.zeros)
-        parts = find_slotine_li_columns(weightless, reference, build.base.keys)
-        columns.append(_from_columns(build, parts) @ build.symbols["beta"])
+        columns.append(_column(find_slotine_li_torques(weightless, reference, build.parameters)))
     return (ca.horzcat(*columns),)
 
 

@@ -1,6 +1,6 @@
-"""Torques and mass matrix by recursion: the forms that code is printed from.
+"""Torques by recursion: the forms that code is printed from.
 
-Input: a robot, an algebra, a state, parameters per link. Output: joint torques, mass matrix.
+Input: a robot, an algebra, a state, parameters per link. Output: joint torques.
 
 Parameters are given as {(link, name): value}; a parameter that is not listed is zero and
 costs nothing. With base parameters, the value of beta stands at its representative and all
@@ -9,11 +9,10 @@ grouped parameters are left out: the torques are the same.
 Supported: trees of revolute and prismatic joints, rotor inertias reflected to the joint side.
 """
 
-from collections.abc import Mapping
-
 from symid.algebra.scalar import Algebra, T
-from symid.algebra.vectors import Matrix, Vector, add, cross, dot, multiply_matrices, scale, transpose
-from symid.dynamics.kinematics import Frame, Motion, Recursion, lift_vector, lower_vector
+from symid.algebra.vectors import Matrix, Vector, add, cross, dot, scale
+from symid.dynamics.composite import Body, Parameters, gather_body
+from symid.dynamics.kinematics import Motion, Recursion, find_motions, lower_vector
 from symid.dynamics.wrenches import (
     Acceleration,
     Wrench,
@@ -23,16 +22,7 @@ from symid.dynamics.wrenches import (
 )
 from symid.robot.description import Robot
 
-__all__ = [
-    "Parameters",
-    "find_accelerations",
-    "find_inverse_dynamics",
-    "find_mass_matrix",
-    "find_reference_rates",
-    "lift_body",
-]
-
-Parameters = Mapping[tuple[int, str], T]
+__all__ = ["find_accelerations", "find_inverse_dynamics", "find_reference_rates", "find_slotine_li_torques"]
 
 
 def find_accelerations(recursion: Recursion[T]) -> tuple[Acceleration[T], ...]:
@@ -98,17 +88,6 @@ def find_reference_rates(
     return tuple(result)
 
 
-def _gather(algebra: Algebra[T], parameters: Parameters[T], link: int) -> tuple[Matrix[T], Vector[T], T]:
-    """Return inertia tensor, first moments and mass of a link."""
-
-    def take(name: str) -> T:
-        return parameters.get((link, name), algebra.zero)
-
-    xy, xz, yz = take("XY"), take("XZ"), take("YZ")
-    tensor = ((take("XX"), xy, xz), (xy, take("YY"), yz), (xz, yz, take("ZZ")))
-    return tensor, (take("MX"), take("MY"), take("MZ")), take("M")
-
-
 def _apply(algebra: Algebra[T], matrix: Matrix[T], vector: Vector[T]) -> Vector[T]:
     x, y, z = (dot(algebra, row, vector) for row in matrix)
     return (x, y, z)
@@ -116,7 +95,7 @@ def _apply(algebra: Algebra[T], matrix: Matrix[T], vector: Vector[T]) -> Vector[
 
 def _link_wrench(
     algebra: Algebra[T],
-    body: tuple[Matrix[T], Vector[T], T],
+    body: Body[T],
     angular: Vector[T],
     acceleration: Acceleration[T],
 ) -> Wrench[T]:
@@ -134,95 +113,74 @@ def _link_wrench(
     )
 
 
-def find_inverse_dynamics(recursion: Recursion[T], parameters: Parameters[T]) -> tuple[T, ...]:
-    """Return the joint torques without friction (Luh, Walker and Paul 1980)."""
+def _carry_down(recursion: Recursion[T], wrenches: list[Wrench[T]]) -> list[T]:
+    """Return what every joint carries of the wrenches of its link and all links beyond it."""
     robot, algebra, frames = recursion.robot, recursion.algebra, recursion.frames
-    motions, state = recursion.motions, recursion.state
-    accelerations = find_accelerations(recursion)
-    wrenches = [
-        _link_wrench(algebra, _gather(algebra, parameters, link), motions[link].angular, accelerations[link])
-        for link in range(robot.size)
-    ]
+    carried = list(wrenches)
     torques = [algebra.zero] * robot.size
     for joint in reversed(range(robot.size)):
-        rotor = algebra.mul(parameters.get((joint, "IA"), algebra.zero), state.acceleration[joint])
-        torques[joint] = algebra.add(project_on_axis(frames[joint], wrenches[joint]), rotor)
+        torques[joint] = project_on_axis(frames[joint], carried[joint])
         parent = robot.joints[joint].parent
         if parent >= 0:
-            lifted = lift_wrench(algebra, frames[joint], wrenches[joint])
-            wrenches[parent] = add_wrenches(algebra, wrenches[parent], lifted)
-    return tuple(torques)
+            lifted = lift_wrench(algebra, frames[joint], carried[joint])
+            carried[parent] = add_wrenches(algebra, carried[parent], lifted)
+    return torques
 
 
-def _rotate_tensor(algebra: Algebra[T], frame: Frame[T], tensor: Matrix[T]) -> Matrix[T]:
-    """Return R I R', turned first by the joint's angle, then by the constant rotation."""
-    half = tensor
-    if frame.turn is not None:
-        c, s = frame.turn
-        zero, one = algebra.zero, algebra.one
-        turn = ((c, algebra.neg(s), zero), (s, c, zero), (zero, zero, one))
-        half = multiply_matrices(algebra, multiply_matrices(algebra, turn, tensor), transpose(turn))
-    return multiply_matrices(algebra, multiply_matrices(algebra, frame.fixed, half), transpose(frame.fixed))
+def _add_rotors(
+    recursion: Recursion[T], torques: list[T], parameters: Parameters[T], acceleration: tuple[T, ...]
+) -> tuple[T, ...]:
+    algebra = recursion.algebra
+    return tuple(
+        algebra.add(torque, algebra.mul(parameters.get((joint, "IA"), algebra.zero), acceleration[joint]))
+        for joint, torque in enumerate(torques)
+    )
 
 
-def lift_body(
-    algebra: Algebra[T], frame: Frame[T], body: tuple[Matrix[T], Vector[T], T]
-) -> tuple[Matrix[T], Vector[T], T]:
-    """Return inertia tensor, first moments and mass about the parent's origin, in its axes.
+def find_inverse_dynamics(recursion: Recursion[T], parameters: Parameters[T]) -> tuple[T, ...]:
+    """Return the joint torques without friction (Luh, Walker and Paul 1980)."""
+    algebra, motions = recursion.algebra, recursion.motions
+    wrenches = [
+        _link_wrench(algebra, gather_body(algebra, parameters, link), motions[link].angular, acceleration)
+        for link, acceleration in enumerate(find_accelerations(recursion))
+    ]
+    torques = _carry_down(recursion, wrenches)
+    return _add_rotors(recursion, torques, parameters, recursion.state.acceleration)
 
-    I_p = R I R' + 2 (t.m) E - t m' - m t' + M (t.t E - t t'),  m = R MS,  t the link's origin.
-    """
+
+def _find_momentum(algebra: Algebra[T], body: Body[T], angular: Vector[T], linear: Vector[T]) -> Wrench[T]:
+    """Return p = M v + w x MS and L = I w + MS x v."""
     tensor, moments, mass = body
-    m = lift_vector(algebra, frame, moments)
-    t = frame.origin
-    turned = _rotate_tensor(algebra, frame, tensor)
-    # With u = m + M t / 2 the shift is 2 (t.u) E - t u' - u t'.
-    u = add(algebra, m, scale(algebra, algebra.half(mass), t))
-    trace = dot(algebra, t, u)
-    trace = algebra.add(trace, trace)
-    rows = []
-    for i in range(3):
-        row = []
-        for j in range(3):
-            shift = algebra.add(algebra.mul(t[i], u[j]), algebra.mul(u[i], t[j]))
-            value = algebra.sub(turned[i][j], shift)
-            row.append(algebra.add(value, trace) if i == j else value)
-        rows.append((row[0], row[1], row[2]))
-    lifted = add(algebra, m, scale(algebra, mass, t))
-    return (rows[0], rows[1], rows[2]), lifted, mass
+    return Wrench(
+        force=add(algebra, scale(algebra, mass, linear), cross(algebra, angular, moments)),
+        moment=add(algebra, _apply(algebra, tensor, angular), cross(algebra, moments, linear)),
+    )
 
 
-def _add_bodies(
-    algebra: Algebra[T], left: tuple[Matrix[T], Vector[T], T], right: tuple[Matrix[T], Vector[T], T]
-) -> tuple[Matrix[T], Vector[T], T]:
-    first, second, third = (add(algebra, a, b) for a, b in zip(left[0], right[0], strict=True))
-    return (first, second, third), add(algebra, left[1], right[1]), algebra.add(left[2], right[2])
+def find_slotine_li_torques(
+    recursion: Recursion[T], reference: tuple[tuple[T, ...], tuple[T, ...]], parameters: Parameters[T]
+) -> tuple[T, ...]:
+    """Return M ddqr + C dqr + g; see `wrenches.find_slotine_li_wrench` for the factor C.
 
-
-def find_mass_matrix(recursion: Recursion[T], parameters: Parameters[T]) -> tuple[tuple[T, ...], ...]:
-    """Return the mass matrix, rotor inertias on its diagonal (composite bodies, Walker and Orin 1982)."""
-    robot, algebra, frames = recursion.robot, recursion.algebra, recursion.frames
-    zero = algebra.zero
-    matrix = [[zero] * robot.size for _ in range(robot.size)]
-    bodies = [_gather(algebra, parameters, link) for link in range(robot.size)]
-    for joint in reversed(range(robot.size)):
-        tensor, (mx, my, _), mass = bodies[joint]
-        if frames[joint].revolute:
-            wrench = Wrench(
-                force=(algebra.neg(my), mx, zero), moment=(tensor[0][2], tensor[1][2], tensor[2][2])
-            )
-        else:
-            wrench = Wrench(force=(zero, zero, mass), moment=(my, algebra.neg(mx), zero))
-        rotor = parameters.get((joint, "IA"), zero)
-        matrix[joint][joint] = algebra.add(project_on_axis(frames[joint], wrench), rotor)
-        parent, child = robot.joints[joint].parent, joint
-        if parent >= 0:
-            bodies[parent] = _add_bodies(
-                algebra, bodies[parent], lift_body(algebra, frames[joint], bodies[joint])
-            )
-        while parent >= 0:
-            wrench = lift_wrench(algebra, frames[child], wrench)
-            entry = project_on_axis(frames[parent], wrench)
-            matrix[joint][parent] = matrix[parent][joint] = entry
-            parent, child = robot.joints[parent].parent, parent
-    return tuple(tuple(row) for row in matrix)
+    Args:
+        recursion: the robot in its state (q, dq).
+        reference: dqr and ddqr, rad/s and rad/s^2.
+        parameters: values of the parameters.
+    """
+    velocity, acceleration = reference
+    algebra = recursion.algebra
+    references = find_motions(recursion.robot, algebra, recursion.frames, velocity)
+    rates = find_reference_rates(recursion, references, acceleration)
+    wrenches = []
+    for link, (motion, other, rate) in enumerate(zip(recursion.motions, references, rates, strict=True)):
+        body = gather_body(algebra, parameters, link)
+        push = _find_momentum(algebra, body, rate.angular, rate.linear)
+        own = _find_momentum(algebra, body, motion.angular, motion.linear)
+        spin = Wrench(
+            force=cross(algebra, other.angular, own.force),
+            moment=add(
+                algebra, cross(algebra, other.angular, own.moment), cross(algebra, other.linear, own.force)
+            ),
+        )
+        wrenches.append(add_wrenches(algebra, push, spin))
+    return _add_rotors(recursion, _carry_down(recursion, wrenches), parameters, acceleration)

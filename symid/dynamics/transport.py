@@ -24,8 +24,8 @@ from symid.algebra.exact import (
     find_symbols,
 )
 from symid.algebra.vectors import add, cross
+from symid.dynamics.composite import lift_body
 from symid.dynamics.kinematics import build_frames, lower_vector
-from symid.dynamics.newton_euler import lift_body
 from symid.notation import INERTIAL
 from symid.robot.description import Joint, Robot
 
