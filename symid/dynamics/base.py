@@ -3,14 +3,7 @@
 Input: a robot. Output: `BaseParameters`: the grouping beta = K pi, its representatives, and for
 every eliminated parameter what became of it.
 
-The energy of the outermost link i is E_i = h_p(x) A(q_i) pi_i + dq_i z'I(pi_i) X(q_i) v_p
-+ dq_i^2 z'I(pi_i) z / 2, where x is the state of the rest, v_p the parent's velocity, A and X the change
-of parameters and velocities across the joint. Parameters are invisible if and only if the terms that
-depend on q_i or dq_i vanish for all states, and what is left, h_p(x) A_0 pi_i, is made up for by the
-parent. So each joint has a small set of rows Q_i that act on the parameters of its link and all beyond it,
-carried to it by the constant parts A_0; the base parameters are all these rows together. This is the
-recursion over attainable velocities and gravity directions of Wensing, Niemeyer and Slotine (2017), written
-for the energy; it is linear in the number of links and exact in the field of the geometry.
+`visibility` holds the argument; here its rows are put together, reduced and named.
 
 Supported: trees; rotor inertias IA where the robot declares them; friction, whose offsets can
 coincide with a weight; symbolic lengths (generic values are assumed: no pivot vanishes).
@@ -23,13 +16,14 @@ from typing import Any
 from sympy import Expr
 from sympy.polys.domains.domain import Domain
 
-from symid.algebra.elimination import Echelon, Row, reduce_rows
+from symid.algebra.elimination import Row, reduce_rows
 from symid.algebra.exact import find_domain, find_number
 from symid.dynamics.explain import explain_elimination, explain_grouping, write_combination
 from symid.dynamics.transport import Transport, apply, find_field, find_transport
+from symid.dynamics.visibility import OFFSET, ROTOR, Visible, find_visible, find_visible_rows
 from symid.joint.friction import FRICTION_MODELS
 from symid.notation import INERTIAL
-from symid.robot.description import JointKind, Robot
+from symid.robot.description import Robot
 
 __all__ = ["BaseParameter", "BaseParameters", "Eliminated", "Label", "find_base_parameters"]
 
@@ -82,83 +76,6 @@ class BaseParameters:
         return tuple(parameter.label for parameter in self.parameters)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Visible:
-    """What the motions up to a link show of parameters fixed to it.
-
-    `steady` is the row of the constant function (a weight that never turns away), `varying` the span of
-    all others, `velocities` the span of attainable (w, v); all in the link's frame.
-    """
-
-    steady: Row
-    varying: tuple[Row, ...]
-    velocities: tuple[Row, ...]
-
-
-_MOMENTUM = {
-    # (w, v) -> coefficients over INERTIAL of the momentum along z: L_z and p_z.
-    "revolute": ({0: {2: 1}, 1: {4: 1}, 2: {5: 1}, 3: {7: -1}, 4: {6: 1}}),
-    "prismatic": ({0: {7: 1}, 1: {6: -1}, 5: {9: 1}}),
-}
-
-
-def _momentum_row(kind: JointKind, velocity: Row) -> Row:
-    """Return the momentum along the joint's axis, per parameter, of a link that moves with `velocity`."""
-    result: Row = {}
-    for index, value in velocity.items():
-        for column, sign in _MOMENTUM[kind.value].get(index, {}).items():
-            result[column] = result.get(column, 0) + sign * value
-    return result
-
-
-def _find_rows(kind: JointKind, parent: _Visible, transport: Transport, one: Any, *, rotor: bool) -> Echelon:  # noqa: ANN401  field element
-    """Return the rows Q_i over (ten parameters, IA, offset): columns 0..9, 10, 11."""
-    echelon = Echelon()
-    own = {INERTIAL.index("ZZ" if kind is JointKind.REVOLUTE else "M"): one}
-    echelon.insert({**own, 10: one} if rotor else own)
-    for row in parent.velocities:
-        for matrix in transport.velocities:
-            moved = apply(row, _transpose(matrix))
-            echelon.insert(_momentum_row(kind, moved))
-    for number, matrix in enumerate(transport.parameters[1:], start=1):
-        for row in parent.varying:
-            echelon.insert(apply(row, matrix))
-        weight = apply(parent.steady, matrix)
-        # A weight that grows in proportion to q is felt as a constant force, as an offset is.
-        if number == 1 and kind is JointKind.PRISMATIC:
-            echelon.insert({**weight, 11: one})
-        else:
-            echelon.insert(weight)
-    if kind is JointKind.REVOLUTE or len(transport.parameters) == 1:
-        echelon.insert({11: one})
-    return echelon
-
-
-def _transpose(matrix: Sequence[Row]) -> tuple[Row, ...]:
-    columns: list[Row] = [{} for _ in matrix]
-    for index, row in enumerate(matrix):
-        for column, value in row.items():
-            columns[column][index] = value
-    return tuple(columns)
-
-
-def _descend(kind: JointKind, parent: _Visible, transport: Transport, one: Any) -> _Visible:  # noqa: ANN401  field element
-    """Return what is visible at a link, given its parent and its joint."""
-    velocities = Echelon()
-    velocities.insert({2 if kind is JointKind.REVOLUTE else 5: one})
-    for row in parent.velocities:
-        for matrix in transport.velocities:
-            velocities.insert(apply(row, _transpose(matrix)))
-    varying = Echelon()
-    for row in _find_rows(kind, parent, transport, one, rotor=False).rows:
-        varying.insert({column: value for column, value in row.items() if column < len(INERTIAL)})
-    for row in parent.varying:
-        varying.insert(apply(row, transport.parameters[0]))
-    return _Visible(
-        steady=apply(parent.steady, transport.parameters[0]), varying=varying.rows, velocities=velocities.rows
-    )
-
-
 def _label_parameters(robot: Robot) -> tuple[Label, ...]:
     """Return all parameters in canonical order: links from the base, then friction."""
     labels: list[Label] = []
@@ -182,24 +99,24 @@ def _expand(robot: Robot, transports: Sequence[Transport], joint: int, row: Row)
         for child, other in enumerate(robot.joints):
             if other.parent == link:
                 pending.append((child, apply(part, transports[child].parameters[0])))
-    for column, name in ((10, "IA"), (11, "offset")):
+    for column, name in ((ROTOR, "IA"), (OFFSET, "offset")):
         if column in row:
             result[joint, name] = row[column]
     return result
 
 
-def _collect_rows(robot: Robot, field: Domain) -> tuple[list[dict[Label, Any]], list[_Visible]]:
+def _collect_rows(robot: Robot, field: Domain) -> tuple[list[dict[Label, Any]], list[Visible]]:
     """Return the rows of all joints over all parameters, and what is visible at each link."""
     one = field.one
     transports = [find_transport(robot, joint, field) for joint in robot.joints]
-    root = _Visible(steady=_find_weight(robot, field), varying=(), velocities=())
-    visible: list[_Visible] = []
+    root = Visible(steady=_find_weight(robot, field), varying=(), velocities=())
+    visible: list[Visible] = []
     rows: list[dict[Label, Any]] = []
     for index, joint in enumerate(robot.joints):
         parent = visible[joint.parent] if joint.parent >= 0 else root
-        echelon = _find_rows(joint.kind, parent, transports[index], one, rotor=joint.drive.has_rotor)
+        echelon = find_visible_rows(joint.kind, parent, transports[index], one, rotor=joint.drive.has_rotor)
         rows += [_expand(robot, transports, index, row) for row in echelon.rows]
-        visible.append(_descend(joint.kind, parent, transports[index], one))
+        visible.append(find_visible(joint.kind, parent, transports[index], one))
         # Viscous and Coulomb friction depend on the own velocity as nothing else does.
         for name in FRICTION_MODELS[joint.friction.kind].parameters:
             if name != "offset":
@@ -219,7 +136,7 @@ def _name(label: Label, *, grouped: bool) -> str:
 
 
 def _write_parameters(
-    rows: Sequence[Row], labels: Sequence[Label], robot: Robot, visible: Sequence[_Visible], field: Domain
+    rows: Sequence[Row], labels: Sequence[Label], robot: Robot, visible: Sequence[Visible], field: Domain
 ) -> Iterator[BaseParameter]:
     for row in rows:
         terms = tuple((labels[column], field.to_sympy(value)) for column, value in sorted(row.items()))
@@ -234,7 +151,7 @@ def _write_parameters(
         )
 
 
-def _angular(visible: Sequence[_Visible], label: Label) -> tuple[tuple[int, ...], ...]:
+def _angular(visible: Sequence[Visible], label: Label) -> tuple[tuple[int, ...], ...]:
     """Return which components of the angular velocity each attainable velocity of the link holds."""
     rows = visible[label[0]].velocities
     return tuple(tuple(sorted(column for column in row if column < 3)) for row in rows)
@@ -244,7 +161,7 @@ def _write_eliminated(
     labels: Sequence[Label],
     parameters: Sequence[BaseParameter],
     robot: Robot,
-    visible: Sequence[_Visible],
+    visible: Sequence[Visible],
 ) -> Iterator[Eliminated]:
     kept = {parameter.label for parameter in parameters}
     groups: Mapping[Label, list[tuple[str, Expr]]] = {label: [] for label in labels}
