@@ -1,0 +1,63 @@
+"""`symid check ROBOT [LOG...]`: is the robot file right, and do the logs fit it."""
+
+from pathlib import Path
+
+import click
+
+from symid.cli.inputs import load_robot, read_logs
+from symid.cli.options import friction_option, set_option, split_settings, verb
+from symid.cli.output import Answer, Console, format_table
+
+__all__ = ["command"]
+
+
+@click.command("check")
+@click.argument("robot")
+@click.argument("logs", nargs=-1, metavar="[LOG]...", type=click.Path(path_type=Path))
+@friction_option
+@set_option
+@verb
+def command(
+    console: Console, *, robot: str, logs: tuple[Path, ...], friction: str | None, settings: tuple[str, ...]
+) -> Answer:
+    """Check a robot file, and logs against it.
+
+    All that is wrong is said at once, each with its file, line and column. Exit code 3 when
+    something is wrong; what is only odd is a warning.
+    """
+    described = load_robot(robot, split_settings(settings), friction)
+    warnings = described.notices
+    lines = [
+        f"{described.path}: {described.name}, {described.size} joints, {described.convention} DH: no mistakes"
+    ]
+    result: dict[str, object] = {
+        "robot": described.name,
+        "file": described.path,
+        "convention": described.convention,
+        "joints": [
+            {"name": joint.name, "kind": joint.kind.value, "friction": joint.friction.kind.value}
+            for joint in described.joints
+        ],
+        "logs": [],
+    }
+    if logs:
+        console.progress(f"reading {len(logs)} log{'s'[: len(logs) > 1]}")
+        from symid.data.checks import check_recording
+
+        recordings = read_logs(logs, described)
+        for recording in recordings:
+            warnings += (*recording.notices, *check_recording(recording, described))
+        entries = [
+            {
+                "file": recording.source,
+                "samples": len(recording.time),
+                "duration": float(recording.time[-1] - recording.time[0]),
+                "period": recording.period,
+                "has_velocity": recording.velocity is not None,
+            }
+            for recording in recordings
+        ]
+        result["logs"] = entries
+        rows = [tuple(entry.values()) for entry in entries]
+        lines.append(format_table(("log", "samples", "duration/s", "period/s", "velocity"), rows))
+    return Answer(text="\n".join(lines), result=result, warnings=warnings)

@@ -1,0 +1,128 @@
+"""Options that several verbs share."""
+
+import functools
+from collections.abc import Callable
+from pathlib import Path
+from typing import ParamSpec, TypeVar
+
+import click
+
+from symid.cli.output import Answer, Console
+from symid.errors import Notice, UsageError
+
+__all__ = [
+    "DEFAULT_SEED",
+    "force_option",
+    "friction_option",
+    "output_option",
+    "processing_options",
+    "rows_options",
+    "seed_option",
+    "set_option",
+    "split_settings",
+    "verb",
+]
+
+P = ParamSpec("P")
+R = TypeVar("R")
+Decorator = Callable[[Callable[..., Answer]], Callable[..., Answer]]
+
+DEFAULT_SEED = 1
+_FRICTION = ("none", "viscous_coulomb", "viscous_coulomb_offset", "asymmetric")
+
+force_option = click.option("--force", is_flag=True, help="Write over what symid wrote before.")
+seed_option = click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=DEFAULT_SEED,
+    show_default=True,
+    help="Of all random numbers.",
+)
+friction_option = click.option(
+    "--friction", type=click.Choice(_FRICTION), help="Friction model of all joints, in place of the file's."
+)
+set_option = click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="A setting in place of the file's, such as processing.filter_cutoff=50 or log.torque.unit=A.",
+)
+
+
+def output_option(meaning: str, *, required: bool = False, folder: bool = False) -> Decorator:
+    """Return the option -o for a file or folder."""
+    kind = click.Path(path_type=Path, file_okay=not folder, dir_okay=folder)
+    metavar = "FOLDER" if folder else "FILE"
+    return click.option("-o", "--output", type=kind, required=required, metavar=metavar, help=meaning)
+
+
+def verb(function: Callable[..., Answer]) -> Callable[..., Answer]:
+    """Give a verb the options that all have, and its console in place of them."""
+
+    @click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout.")
+    @click.option("-q", "--quiet", is_flag=True, help="No progress and no warnings.")
+    @click.option("-v", "--verbose", is_flag=True, help="More progress; a traceback when symid fails.")
+    @functools.wraps(function)
+    def call(*, as_json: bool, quiet: bool, verbose: bool, **options: object) -> Answer:
+        # The answer is printed by `main`, which reads --json and -q for itself: it must print errors too.
+        return function(Console(quiet=quiet, verbose=verbose and not (quiet or as_json)), **options)
+
+    return call
+
+
+def rows_options(function: Callable[P, R]) -> Callable[P, R]:
+    """Give a verb the options of how measurements become equations, and equations parameters."""
+    options = (
+        click.option(
+            "--rows",
+            type=click.Choice(("torque", "momentum", "energy")),
+            default="torque",
+            show_default=True,
+            help="How measurements become equations.",
+        ),
+        click.option(
+            "--estimator",
+            type=click.Choice(("ols", "wls")),
+            default="ols",
+            show_default=True,
+            help="How equations become parameters.",
+        ),
+    )
+    for option in options:
+        function = option(function)
+    return function
+
+
+def processing_options(function: Callable[P, R]) -> Callable[P, R]:
+    """Give a verb short names for the settings of the signals."""
+    options = (
+        click.option("--cutoff", type=float, metavar="HZ", help="Cut-off of the low-pass filter."),
+        click.option("--decimate", type=int, metavar="N", help="Keep one sample in N."),
+        click.option("--drop-first", type=int, metavar="N", help="Samples cut off at the start."),
+        click.option("--drop-last", type=int, metavar="N", help="Samples cut off at the end."),
+    )
+    for option in reversed(options):
+        function = option(function)
+    return function
+
+
+def split_settings(settings: tuple[str, ...], **named: object) -> tuple[tuple[str, str], ...]:
+    """Return pairs of key and value from KEY=VALUE texts and from options of their own.
+
+    Args:
+        settings: the texts.
+        named: values of options by their processing key, None where not given.
+
+    Raises:
+        UsageError: a text has no equals sign.
+    """
+    pairs = []
+    for text in settings:
+        key, sign, value = text.partition("=")
+        if not sign or not key.strip():
+            message = f"--set {text}: expected KEY=VALUE, such as processing.filter_cutoff=50"
+            raise UsageError(Notice(code="usage.bad-setting", text=message))
+        pairs.append((key.strip(), value.strip()))
+    given = [(f"processing.{key}", str(value)) for key, value in named.items() if value is not None]
+    return (*pairs, *((key.replace("__", "."), value) for key, value in given))

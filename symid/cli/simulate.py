@@ -1,0 +1,133 @@
+"""`symid simulate ROBOT -o LOG`: an experiment on the computer, logged like a real one."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from symid.cli.inputs import check_output, load_robot, load_robot_library, show_path
+from symid.cli.options import force_option, friction_option, output_option, seed_option, verb
+from symid.cli.output import Answer, Console
+from symid.errors import Notice, UsageError
+
+if TYPE_CHECKING:  # these load numpy
+    import numpy as np
+
+    from symid.excitation.trajectories import Trajectory
+    from symid.robot.description import Robot
+    from symid.simulation.experiment import ExperimentOptions
+
+__all__ = ["build_options", "build_trajectory", "command"]
+
+DEFAULT_NOISE = 0.05
+_TA_JOINTS = 2
+
+
+@click.command("simulate")
+@click.argument("robot")
+@click.option(
+    "--trajectory",
+    type=click.Choice(("fourier", "ta", "tb")),
+    default="fourier",
+    show_default=True,
+    help="A random Fourier series, or one of the published trajectories.",
+)
+@click.option(
+    "--joint", type=click.IntRange(min=1), default=1, show_default=True, help="Joint that tb moves."
+)
+@click.option("--duration", type=click.FloatRange(min=0.0, min_open=True), metavar="S", help="Length in s.")
+@click.option(
+    "--noise",
+    type=click.FloatRange(min=0.0),
+    default=DEFAULT_NOISE,
+    show_default=True,
+    metavar="N",
+    help="Standard deviation of the torque sensors, N m or N.",
+)
+@click.option("--clean", is_flag=True, help="Perfect sensors: no noise, no encoder steps.")
+@friction_option
+@seed_option
+@output_option("Log to write, .npz or .csv.", required=True)
+@force_option
+@verb
+def command(
+    console: Console,
+    *,
+    robot: str,
+    trajectory: str,
+    joint: int,
+    duration: float | None,
+    noise: float,
+    clean: bool,
+    friction: str | None,
+    seed: int,
+    output: Path,
+    force: bool,
+) -> Answer:
+    """Move the robot under PD control along a trajectory and write what its sensors see.
+
+    The robot file must state masses and friction.
+    """
+    described = load_robot(robot, friction=friction)
+    check_output(output, force=force)
+    library = load_robot_library(described, console)
+    import numpy as np
+
+    from symid.data.writers import write_recording
+    from symid.simulation.experiment import simulate_experiment
+
+    rng = np.random.default_rng(seed)
+    path = build_trajectory(described, trajectory, rng, duration=duration, joint=joint)
+    console.progress(f"simulating {path.duration:g} s of {described.name}")
+    run = simulate_experiment(described, library, path, build_options(noise, clean=clean), rng)
+    written = write_recording(run.recording, output, described)
+    result = {
+        "robot": described.name,
+        "file": written,
+        "trajectory": path.source,
+        "samples": len(run.recording.time),
+        "period": run.recording.period,
+        "duration": path.duration,
+        "seed": seed,
+        "noise": 0.0 if clean else noise,
+        "energy_gap": run.energy_gap,
+        "backend": library.backend,
+    }
+    text = (
+        f"{show_path(written)}: {len(run.recording.time)} samples of {path.source}; "
+        f"work, energy and losses agree to {run.energy_gap:.1e} of the work"
+    )
+    warnings = (*described.notices, *library.notices, *run.recording.notices)
+    return Answer(text=text, result=result, warnings=warnings)
+
+
+def build_options(noise: float, *, clean: bool) -> "ExperimentOptions":
+    """Return how the experiment is run: with sensors as they are, or perfect ones."""
+    from symid.simulation.experiment import ExperimentOptions
+    from symid.simulation.sensors import SensorOptions
+
+    if clean:
+        return ExperimentOptions(sensors=SensorOptions(counts_per_turn=None))
+    return ExperimentOptions(sensors=SensorOptions(torque_noise=(noise,)))
+
+
+def build_trajectory(
+    robot: "Robot", name: str, rng: "np.random.Generator", *, duration: float | None = None, joint: int = 1
+) -> "Trajectory":
+    """Return the trajectory called `name`, "fourier", "ta" or "tb".
+
+    Raises:
+        UsageError: "ta" is for another number of joints, or "tb" for a joint that is not there.
+    """
+    from symid.excitation.trajectories import FourierOptions, build_random_fourier, build_ta, build_tb
+
+    if name == "fourier":
+        options = FourierOptions() if duration is None else FourierOptions(duration=duration)
+        return build_random_fourier(robot, rng, options)
+    length = {} if duration is None else {"duration": duration}
+    if name == "tb":
+        return build_tb(joint - 1, size=robot.size, **length)
+    if robot.size != _TA_JOINTS:
+        text = f"trajectory ta moves {_TA_JOINTS} joints, {robot.name} has {robot.size}; use fourier"
+        raise UsageError(Notice(code="usage.trajectory", text=text))
+    return build_ta(**length)

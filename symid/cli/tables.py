@@ -1,0 +1,103 @@
+"""Results of identification and validation, as tables for people and as objects for programs.
+
+Input: `Estimate`, `Validation`. Output: text, dictionaries.
+"""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from symid.cli.output import format_table
+
+if TYPE_CHECKING:  # these load numpy
+    from symid.identification.estimate import Estimate, Residual, Validation
+
+__all__ = [
+    "describe_estimate",
+    "describe_residual",
+    "describe_validation",
+    "show_parameters",
+    "show_residual",
+]
+
+
+def describe_estimate(estimate: "Estimate") -> dict[str, object]:
+    """Return the estimate as `symid identify --json` gives it."""
+    return {
+        "robot": estimate.robot,
+        "rows": estimate.rows,
+        "estimator": estimate.estimator,
+        "friction": estimate.friction,
+        "parameters": [
+            {
+                "name": entry.name,
+                "value": entry.value,
+                "std": entry.std,
+                "relative_std_percent": entry.relative_std_percent,
+                "unit": entry.unit,
+                "expression": entry.expression,
+                "truth": entry.truth,
+            }
+            for entry in estimate.parameters
+        ],
+        "residual": describe_residual(estimate.residual),
+        "mean_relative_percent": estimate.mean_relative_percent,
+        "condition": estimate.condition,
+        "outcome": {"name": estimate.outcome.name.lower(), "text": estimate.outcome.value},
+        "refused": [{"name": name, "reason": reason} for name, reason in estimate.refused],
+        "samples": estimate.samples,
+        "sources": estimate.sources,
+        "settings": estimate.settings,
+        "signature": estimate.signature,
+    }
+
+
+def describe_validation(validation: "Validation") -> dict[str, object]:
+    """Return the validation as `symid validate --json` gives it."""
+    return {
+        "robot": validation.robot,
+        "log": validation.source,
+        "rows": validation.rows,
+        "samples": validation.samples,
+        "residual": describe_residual(validation.residual),
+        "mean_relative_percent": validation.mean_relative_percent,
+    }
+
+
+def describe_residual(residual: Sequence["Residual"]) -> list[dict[str, object]]:
+    """Return one object a joint."""
+    return [
+        {
+            "joint": entry.joint,
+            "norm": entry.norm,
+            "relative_percent": entry.relative_percent,
+            "std": entry.std,
+            "samples": entry.samples,
+            "unit": entry.unit,
+        }
+        for entry in residual
+    ]
+
+
+def show_parameters(estimate: "Estimate") -> str:
+    """Return the table of parameters, with the truth beside them where it is known."""
+    known = any(entry.truth is not None for entry in estimate.parameters)
+    header = ["parameter", "value", "std", "std/%", "unit"]
+    rows: list[list[object]] = [
+        [entry.name, entry.value, entry.std, f"{entry.relative_std_percent:.3g}", entry.unit]
+        for entry in estimate.parameters
+    ]
+    if known:
+        header += ["true", "within 3 std"]
+        for row, entry in zip(rows, estimate.parameters, strict=True):
+            near = None if entry.truth is None else abs(entry.value - entry.truth) <= 3.0 * entry.std
+            row += [entry.truth, near]
+    return format_table(header, rows, left=(0, 4))
+
+
+def show_residual(residual: Sequence["Residual"]) -> str:
+    """Return the table of residuals."""
+    rows = [
+        [entry.joint, entry.norm, f"{entry.relative_percent:.4f}", entry.std, entry.unit, entry.samples]
+        for entry in residual
+    ]
+    return format_table(("joint", "residual", "relative/%", "std", "unit", "samples"), rows, left=(0, 4))

@@ -1,0 +1,149 @@
+"""The tree as a whole: no paths of one machine, no side effects, no silent errors, no unseen notices."""
+
+import ast
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import symid.errors
+
+PROJECT = Path(__file__).resolve().parents[2]
+PACKAGE = PROJECT / "symid"
+HEAVY = ("numpy", "scipy", "sympy", "casadi", "jinja2")
+# Put together here, so that this file is not found by its own search.
+MACHINE_FOLDERS = tuple("/" + name + "/" for name in ("root", "home", "work", "Users", "mnt", "opt"))
+TEXT = {".py", ".toml", ".md", ".jinja", ".c", ".h", ".txt", ".json", ".yml", ".cfg", ".csv", ".html", ""}
+IGNORED = {".git", ".venv", ".mypy_cache", ".ruff_cache", ".pytest_cache", ".hypothesis", "__pycache__"}
+IGNORED |= {"_build", "build", "dist", "demo"}
+MODULES = sorted(path for path in PACKAGE.rglob("*.py") if "_data" not in path.parts)
+
+
+def run_python(*arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    """Run this interpreter in the project's folder."""
+    environment = {**os.environ, "PYTHONPATH": str(PROJECT), **variables}
+    return subprocess.run(
+        [sys.executable, *arguments],
+        cwd=PROJECT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+
+
+def tree_files() -> list[Path]:
+    """Return the text files that belong to the project: those git knows, or would add."""
+    command = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
+    try:
+        done = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, check=True)
+        files = [PROJECT / line for line in done.stdout.splitlines()]
+    except (OSError, subprocess.CalledProcessError):
+        # An unpacked archive has no history: take everything that is not a by-product.
+        files = [path for path in PROJECT.rglob("*") if not IGNORED & set(path.relative_to(PROJECT).parts)]
+    return [path for path in files if path.is_file() and path.suffix in TEXT]
+
+
+def test_no_machine_path_in_the_tree():
+    found = [
+        f"{path.relative_to(PROJECT)}: {folder}"
+        for path in tree_files()
+        for folder in MACHINE_FOLDERS
+        # `../shared/` and URLs with such a part are no absolute paths.
+        if re.search(rf"(?<![\w./>-]){re.escape(folder)}", path.read_text(encoding="utf-8"))
+    ]
+    assert not found
+
+
+def test_importing_every_module_prints_and_writes_nothing(tmp_path):
+    names = [
+        ".".join(path.relative_to(PROJECT).with_suffix("").parts)
+        for path in MODULES
+        if path.stem not in {"__init__", "__main__"}
+    ]
+    script = (
+        "import importlib, os, random, sys, threading, warnings\n"
+        "warnings.simplefilter('error')\n"
+        "state, folder, path = random.getstate(), os.getcwd(), list(sys.path)\n"
+        f"for name in {names!r}: importlib.import_module(name)\n"
+        "assert random.getstate() == state and os.getcwd() == folder and sys.path == path\n"
+        "assert threading.active_count() == 1\n"
+    )
+    done = run_python("-c", script, HOME=str(tmp_path), XDG_CACHE_HOME=str(tmp_path), TMPDIR=str(tmp_path))
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_help_loads_no_heavy_package():
+    done = run_python("-X", "importtime", "-m", "symid", "--help")
+    assert done.returncode == 0
+    assert "identify" in done.stdout
+    loaded = {line.rsplit("|", 1)[-1].strip().split(".")[0] for line in done.stderr.splitlines()}
+    assert "click" in loaded, "the list of imports was not read"
+    assert not loaded & set(HEAVY)
+
+
+LIGHT = (
+    "robot.toml",
+    "codegen.library",
+    "codegen.cache",
+    "simulation.experiment",
+    "identification.identify",
+    "report.identification",
+)
+
+
+@pytest.mark.parametrize("module", LIGHT)
+def test_what_identification_needs_loads_no_sympy(module):
+    script = f"import sys, symid.{module}; print(*sorted({{'sympy', 'casadi'}} & set(sys.modules)))"
+    done = run_python("-c", script)
+    assert (done.returncode, done.stdout.strip(), done.stderr) == (0, "", "")
+
+
+def error_classes() -> list[str]:
+    """Return the names of the errors that are raised, not only inherited from."""
+    return sorted(name for name in symid.errors.__all__ if name.endswith("Error"))
+
+
+def test_every_error_is_expected_in_some_test():
+    expected: set[str] = set()
+    for path in (PROJECT / "tests").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("raises") and node.args:
+                expected |= {part.split(".")[-1] for part in re.findall(r"[\w.]+", ast.unparse(node.args[0]))}
+    assert set(error_classes()) - expected == set()
+
+
+def test_every_error_raised_is_of_the_tree():
+    allowed = {*error_classes(), "TypeError", "ValueError", "KeyError", "ImportError", "AttributeError"}
+    raised = {
+        (path.name, ast.unparse(node.exc.func).split(".")[-1])
+        for path in MODULES
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call)
+    }
+    endings = ("Error", "Exception", "Exit")
+    assert not [pair for pair in raised if pair[1].endswith(endings) and pair[1] not in allowed]
+
+
+def notice_codes() -> list[str]:
+    """Return every notice code that stands in the package."""
+    rooms = {path.name for path in PACKAGE.iterdir() if path.is_dir()}
+    others = {"log", "usage", "estimate", "output", "solver", "library", "symid", "simulate"}
+    verbs = {path.stem for path in (PACKAGE / "cli").glob("*.py")}
+    heads = "|".join(sorted({*rooms, *others, *verbs}))
+    pattern = re.compile(rf'"((?:{heads})\.(?!html|toml|json|npz|csv|py|h|c|so)[a-z0-9]+(?:-[a-z0-9]+)*)"')
+    return sorted({code for path in MODULES for code in pattern.findall(path.read_text(encoding="utf-8"))})
+
+
+def test_notices_are_found():
+    assert "symid" + ".missing-resource" in notice_codes()
+
+
+def test_every_notice_appears_in_some_test():
+    texts = "".join(path.read_text(encoding="utf-8") for path in (PROJECT / "tests").rglob("*.py"))
+    assert [code for code in notice_codes() if code not in texts] == []

@@ -1,0 +1,222 @@
+"""The command line's contract: one JSON object, exit codes, no traceback, nothing on the wrong stream."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import click
+import pytest
+
+from symid.cli.main import VERBS, run, symid
+from symid.errors import (
+    EstimateError,
+    GenerationError,
+    IdentifiabilityError,
+    InputError,
+    LogError,
+    Notice,
+    OutputError,
+    RobotError,
+    SolverError,
+    SymidError,
+    UsageError,
+)
+
+CODES = {
+    SymidError: 70,
+    UsageError: 2,
+    InputError: 3,
+    RobotError: 3,
+    LogError: 3,
+    EstimateError: 3,
+    OutputError: 3,
+    GenerationError: 70,
+    IdentifiabilityError: 4,
+    SolverError: 5,
+}
+
+FIVE_MISTAKES = """\
+name = "wrong"
+convention = "modified"
+gravity = [0, 0, "down"]
+
+[[joint]]
+kind = "rotary"
+
+[[joint]]
+kind = "revolute"
+alpah = 1.57
+parent = "nobody"
+
+[joint.drive]
+gear = 100
+rotor_inertia = 1e-5
+"""
+
+
+def call(capsys, *arguments):
+    """Run the command line in this process; return its exit code and what it wrote."""
+    code = run([str(argument) for argument in arguments])
+    written = capsys.readouterr()
+    return code, written.out, written.err
+
+
+def call_json(capsys, *arguments):
+    """Run a verb with --json; return its exit code and the object."""
+    code, out, _ = call(capsys, *arguments, "--json")
+    return code, json.loads(out)
+
+
+def fail_with(monkeypatch, error):
+    """Make `symid check` raise `error`."""
+
+    def raise_it(*_args, **_options):
+        raise error
+
+    monkeypatch.setattr("symid.cli.check.load_robot", raise_it)
+
+
+@pytest.mark.parametrize("name", VERBS)
+def test_every_verb_has_help_and_the_common_options(capsys, name):
+    code, out, _ = call(capsys, name, "--help")
+    assert code == 0
+    for option in ("--json", "--quiet", "--verbose"):
+        assert option in out
+
+
+@pytest.mark.parametrize("name", VERBS)
+def test_every_verb_is_documented_by_its_first_line(name):
+    command = symid.get_command(click.Context(symid), name)
+    assert command.name == name
+    assert command.get_short_help_str()
+
+
+def test_help_names_every_verb(capsys):
+    code, out, _ = call(capsys, "--help")
+    assert code == 0
+    assert all(name in out for name in VERBS)
+
+
+def test_version(capsys):
+    code, out, _ = call(capsys, "--version")
+    assert code == 0
+    assert out.startswith("symid, version ")
+
+
+@pytest.mark.parametrize("arguments", [("fly",), ("check", "--wings"), ("check",), ("generate", "panda")])
+def test_usage_errors_exit_2_and_say_what_to_try(capsys, arguments):
+    code, out, err = call(capsys, *arguments)
+    assert (code, out) == (2, "")
+    assert "--help" in err
+    code, answer = call_json(capsys, *arguments)
+    assert code == 2
+    assert answer["ok"] is False
+    assert answer["errors"][0]["code"] == "usage.call"
+
+
+def test_without_a_verb_the_verbs_are_named(capsys):
+    assert call(capsys)[0] == 2
+    code, answer = call_json(capsys)
+    assert code == 2
+    assert answer["errors"][0]["code"] in {"usage.no-verb", "usage.call"}
+
+
+def test_unknown_robot_gets_the_nearest_names(capsys):
+    code, answer = call_json(capsys, "base", "pando")
+    assert code == 2
+    (error,) = answer["errors"]
+    assert error["code"] == "usage.unknown-robot"
+    assert "panda" in error["text"]
+
+
+def test_five_mistakes_are_said_at_once_each_with_its_place(capsys, tmp_path):
+    path = tmp_path / "wrong.toml"
+    path.write_text(FIVE_MISTAKES)
+    code, answer = call_json(capsys, "check", path)
+    assert code == 3
+    lines = {error["line"] for error in answer["errors"]}
+    assert lines >= {3, 6, 10, 11, 15}
+    assert all(error["file"] == str(path) and error["column"] > 0 for error in answer["errors"])
+    code, out, err = call(capsys, "check", path)
+    assert (code, out) == (3, "")
+    assert f"{path}:6:" in err
+    assert "Traceback" not in err
+
+
+@pytest.mark.parametrize(("kind", "expected"), CODES.items())
+def test_every_error_has_its_exit_code(capsys, monkeypatch, kind, expected):
+    error = kind(Notice(code="test.code", text="words", file="a.toml", line=3, column=4))
+    with pytest.raises((SymidError, InputError, OutputError, SolverError)):
+        raise error
+    fail_with(monkeypatch, error)
+    code, answer = call_json(capsys, "check", "two_link")
+    assert code == expected
+    assert answer["errors"] == [
+        {"code": "test.code", "text": "words", "file": "a.toml", "line": 3, "column": 4}
+    ]
+
+
+def test_a_bug_is_told_without_a_traceback(capsys, monkeypatch):
+    fail_with(monkeypatch, ZeroDivisionError("by zero"))
+    code, out, err = call(capsys, "check", "two_link")
+    assert (code, out) == (70, "")
+    assert "Traceback" not in err
+    assert "ZeroDivisionError" in err
+    code, answer = call_json(capsys, "check", "two_link")
+    assert code == 70
+    assert answer["errors"][0]["code"] == "symid.bug"
+    assert "Traceback" in call(capsys, "check", "two_link", "-v")[2]
+
+
+def test_an_interruption_exits_130(capsys, monkeypatch):
+    fail_with(monkeypatch, KeyboardInterrupt())
+    code, answer = call_json(capsys, "check", "two_link")
+    assert code == 130
+    assert answer["errors"][0]["code"] == "symid.interrupted"
+
+
+def test_ctrl_c_ends_a_running_process_with_130(project, tmp_path):
+    command = [sys.executable, "-m", "symid", "simulate", "two_link", "--duration", "600"]
+    environment = {**os.environ, "PYTHONPATH": str(project)}
+    process = subprocess.Popen(
+        [*command, "-o", str(tmp_path / "log.npz")],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    for line in process.stderr:
+        if line.startswith("simulating"):
+            break
+    time.sleep(0.5)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_color_is_honoured(capsys, monkeypatch):
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert "\x1b" not in call(capsys, "check", "nobody_here")[2]
+
+
+def test_quiet_says_nothing_but_the_result(capsys):
+    code, out, err = call(capsys, "base", "two_link", "-q")
+    assert (code, err) == (0, "")
+    assert "ZZR1" in out
+
+
+def test_json_is_the_only_thing_on_stdout(capsys):
+    code, out, _ = call(capsys, "check", "two_link", "--json")
+    assert code == 0
+    assert set(json.loads(out)) == {"ok", "result", "warnings"}
+
+
+def test_a_setting_without_equals_sign_is_refused(capsys):
+    code, answer = call_json(capsys, "check", "two_link", "--set", "processing.drop_first")
+    assert code == 2
+    assert answer["errors"][0]["code"] == "usage.bad-setting"

@@ -1,0 +1,288 @@
+"""Every verb does its work, on files, and says what it did."""
+
+import json
+
+import numpy as np
+import pytest
+
+from symid.cli.main import run
+
+
+def call_json(capsys, *arguments):
+    """Run a verb with --json; return its exit code and the object."""
+    code = run([*map(str, arguments), "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    """Return a log of two_link with noisy sensors."""
+    path = tmp_path_factory.mktemp("log") / "run.npz"
+    assert run(["simulate", "two_link", "-o", str(path), "--noise", "0.5", "--seed", "3", "-q"]) == 0
+    return path
+
+
+@pytest.fixture(scope="module")
+def estimate(log):
+    """Return the estimate from the log."""
+    path = log.parent / "estimate.json"
+    assert run(["identify", "two_link", str(log), "--drop-first", "2000", "-o", str(path), "-q"]) == 0
+    return path
+
+
+@pytest.mark.parametrize(("robot", "count"), [("emps", 1), ("two_link", 6), ("puma560", 36), ("panda", 43)])
+def test_base(capsys, robot, count):
+    code, answer = call_json(capsys, "base", robot)
+    assert code == 0
+    result = answer["result"]
+    assert result["count"] == len(result["parameters"]) == count
+    for entry in result["parameters"]:
+        assert entry["name"]
+        assert entry["expression"]
+        assert entry["reason"]
+        assert entry["unit"]
+    names = {entry["name"] for entry in result["parameters"]}
+    assert not names & {entry["name"] for entry in result["eliminated"]}
+
+
+def test_base_of_two_link_has_the_known_groupings(capsys):
+    _, answer = call_json(capsys, "base", "two_link")
+    found = {entry["name"]: entry["expression"] for entry in answer["result"]["parameters"]}
+    assert found["ZZR1"] == "ZZ1 + 0.25*M2"
+    assert found["MXR1"] == "MX1 + 0.5*M2"
+
+
+def test_check_reads_logs(capsys, log):
+    code, answer = call_json(capsys, "check", "two_link", log)
+    assert code == 0
+    (entry,) = answer["result"]["logs"]
+    assert entry["samples"] == 20001
+    assert entry["period"] == pytest.approx(1e-3)
+
+
+def test_derive_shows_checked_steps(capsys):
+    code, answer = call_json(capsys, "derive", "two_link")
+    assert code == 0
+    steps = answer["result"]["steps"]
+    assert len(steps) > 2
+    assert any(step["check"] for step in steps)
+
+
+@pytest.mark.parametrize("target", ["c", "python"])
+def test_generate(capsys, tmp_path, target):
+    folder = tmp_path / "code"
+    code, answer = call_json(capsys, "generate", "emps", "--target", target, "-o", folder)
+    assert code == 0
+    result = answer["result"]
+    assert result["operations"]["inverse_dynamics"].keys() == {"mul", "add", "trig"}
+    assert {str(path) for path in folder.rglob("*") if path.is_file()} == set(result["files"])
+    assert result["selftest"] == "passed" or answer["warnings"][-1]["code"] == "generate.selftest-not-run"
+
+
+def test_generate_says_when_there_is_no_compiler(capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr("symid.codegen.compiler.find_compiler", lambda *_: None)
+    code, answer = call_json(capsys, "generate", "emps", "-o", tmp_path / "code")
+    assert code == 0
+    assert [entry["code"] for entry in answer["warnings"]] == ["generate.selftest-not-run"]
+
+
+def test_generate_fails_when_the_selftest_does(capsys, tmp_path, monkeypatch):
+    write = "symid.codegen.writer.write_sources"
+    (tmp_path / "code").mkdir()
+    (tmp_path / "code" / "module.py").write_text("raise SystemExit(1)\n")
+    monkeypatch.setattr(write, lambda *_args, **_options: ())
+    code, answer = call_json(capsys, "generate", "emps", "--target", "python", "-o", tmp_path / "code")
+    assert code == 70
+    assert answer["errors"][0]["code"] == "generate.selftest-failed"
+
+
+def test_generate_refuses_a_folder_of_others(capsys, tmp_path):
+    (tmp_path / "thesis.txt").write_text("mine")
+    code, answer = call_json(capsys, "generate", "emps", "-o", tmp_path)
+    assert code == 3
+    assert answer["errors"][0]["code"] == "output.foreign-folder"
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
+
+
+def test_simulate_is_deterministic(capsys, tmp_path):
+    paths = [tmp_path / name for name in ("a.npz", "b.npz", "c.npz")]
+    for path, seed in zip(paths, (5, 5, 6), strict=True):
+        code, answer = call_json(
+            capsys, "simulate", "two_link", "-o", path, "--seed", seed, "--duration", "3"
+        )
+        assert code == 0
+        assert answer["result"]["seed"] == seed
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+    assert paths[0].read_bytes() != paths[2].read_bytes()
+
+
+@pytest.mark.parametrize("trajectory", ["ta", "tb"])
+def test_simulate_clean_closes_the_energy_balance(capsys, tmp_path, trajectory):
+    arguments = ("--trajectory", trajectory, "--duration", "5", "--clean")
+    code, answer = call_json(capsys, "simulate", "two_link", "-o", tmp_path / "run.csv", *arguments)
+    assert code == 0
+    assert answer["result"]["noise"] == 0.0
+    assert answer["result"]["energy_gap"] < 1e-6
+
+
+def test_simulate_writes_over_nothing(capsys, log):
+    before = log.read_bytes()
+    code, answer = call_json(capsys, "simulate", "two_link", "-o", log)
+    assert code == 3
+    assert answer["errors"][0]["code"] == "output.exists"
+    assert log.read_bytes() == before
+
+
+def test_simulate_ta_is_for_two_joints(capsys, tmp_path):
+    code, answer = call_json(capsys, "simulate", "emps", "--trajectory", "ta", "-o", tmp_path / "a.npz")
+    assert code in {2, 3}
+    assert list(tmp_path.iterdir()) == []
+    assert answer["errors"][0]["code"] == "usage.trajectory"
+
+
+def test_output_in_a_missing_folder_is_refused_first(capsys, tmp_path):
+    code, answer = call_json(capsys, "simulate", "two_link", "-o", tmp_path / "no" / "a.npz")
+    assert code == 3
+    assert answer["errors"][0]["code"] == "output.no-folder"
+
+
+def test_identify_finds_the_truth(capsys, log):
+    code, answer = call_json(capsys, "identify", "two_link", log, "--drop-first", "2000")
+    assert code == 0
+    result = answer["result"]
+    assert result["settings"]["processing"]["drop_first"] == 2000
+    assert {"condition", "outcome", "residual", "parameters"} <= result.keys()
+    for entry in result["parameters"]:
+        assert entry["std"] > 0
+        assert entry["value"] == pytest.approx(entry["truth"], abs=6 * entry["std"])
+        assert entry["relative_std_percent"] == pytest.approx(100 * entry["std"] / abs(entry["value"]))
+
+
+def test_set_and_named_options_are_the_same(capsys, log):
+    named = ("--cutoff", "40", "--decimate", "5")
+    generic = ("--set", "processing.filter_cutoff=40", "--set", "processing.decimation.factor=5")
+    _, left = call_json(capsys, "identify", "two_link", log, *named)
+    _, right = call_json(capsys, "identify", "two_link", log, *generic)
+    assert left["result"] == right["result"]
+    assert left["result"]["settings"]["processing"]["filter_cutoff"] == 40
+
+
+@pytest.mark.parametrize(
+    ("damage", "expected"),
+    [
+        ({"tau": None}, "log.missing-column"),
+        ({"time": lambda t: t[::-1]}, "log."),
+        ({"q": lambda q: np.where(q == q[50], np.nan, q)}, "log.not-finite"),
+        ({"q": lambda q: q[:, :1]}, "log."),
+    ],
+)
+def test_a_wrong_log_is_refused_and_nothing_is_written(capsys, log, tmp_path, damage, expected):
+    with np.load(log) as archive:
+        arrays = dict(archive)
+    for name, change in damage.items():
+        key = name if name in arrays else "t"
+        if change is None:
+            del arrays[key]
+        else:
+            arrays[key] = change(arrays[key])
+    bad, output = tmp_path / "bad.npz", tmp_path / "estimate.json"
+    np.savez(bad, **arrays)
+    code, answer = call_json(capsys, "identify", "two_link", bad, "-o", output)
+    assert code == 3
+    assert answer["errors"][0]["code"].startswith(expected)
+    assert str(bad) in answer["errors"][0]["file"]
+    assert not output.exists()
+
+
+def test_all_wrong_logs_are_told_at_once(capsys, tmp_path):
+    code, answer = call_json(capsys, "identify", "two_link", tmp_path / "a.npz", tmp_path / "b.mat")
+    assert code == 3
+    assert len(answer["errors"]) == 2
+
+
+def test_a_unit_that_does_not_exist(capsys, log):
+    code, answer = call_json(
+        capsys,
+        "identify",
+        "two_link",
+        log,
+        "--set",
+        "log.torque.columns=tau",
+        "--set",
+        "log.torque.unit=furlong",
+    )
+    assert code == 3
+    assert "furlong" in answer["errors"][0]["text"]
+
+
+def test_validate_uses_the_settings_of_the_estimate(capsys, log, estimate):
+    code, answer = call_json(capsys, "validate", "two_link", estimate, log, "--gate", "20")
+    assert code == 0
+    assert answer["result"]["accepted"] is True
+    assert len(answer["result"]["residual"]) == 2
+
+
+def test_a_missed_gate_exits_1_and_keeps_the_result(capsys, log, estimate):
+    code, answer = call_json(capsys, "validate", "two_link", estimate, log, "--gate", "0.01")
+    assert code == 1
+    assert answer["ok"] is False
+    assert answer["errors"][0]["code"] == "validate.gate-missed"
+    assert answer["result"]["mean_relative_percent"] > 0.01
+
+
+def test_validate_refuses_the_estimate_of_another_robot(capsys, log, estimate, tmp_path):
+    code, answer = call_json(capsys, "validate", "two_link", tmp_path / "none.json", log)
+    assert code == 3
+    data = json.loads(estimate.read_text())
+    data["settings"] = {}
+    broken = tmp_path / "broken.json"
+    broken.write_text(json.dumps(data))
+    code, answer = call_json(capsys, "validate", "two_link", broken, log)
+    assert code == 3
+    assert answer["errors"][0]["code"] == "estimate.settings"
+
+
+def test_report_is_one_page(capsys, log, estimate, tmp_path):
+    page = tmp_path / "report.html"
+    code, answer = call_json(capsys, "report", estimate, "--validation", log, "-o", page)
+    assert code == 0
+    text = page.read_text()
+    assert answer["result"]["validations"] == [str(log)]
+    assert "ZZR1" in text
+    assert "http" + "://" not in text.replace("http" + "://www.w3.org", "")
+
+
+def test_doctor(capsys):
+    code, answer = call_json(capsys, "doctor")
+    assert code == 0
+    names = {entry["name"] for entry in answer["result"]["findings"]}
+    assert {"python", "sympy", "casadi", "C compiler", "cache", "robots", "templates"} <= names
+
+
+def test_doctor_says_what_is_missing(capsys, monkeypatch):
+    monkeypatch.setattr("symid.cli.doctor._PACKAGES", ("click", "no-such-package-here"))
+    code, answer = call_json(capsys, "doctor")
+    assert code == 1
+    assert answer["errors"][0]["code"] == "doctor.missing"
+    assert "pip install" in answer["errors"][0]["text"]
+
+
+def test_demo_ends_well(capsys, tmp_path):
+    folder = tmp_path / "demo"
+    code, answer = call_json(capsys, "demo", "-o", folder)
+    assert code == 0, answer
+    result = answer["result"]
+    for entry in result["estimate"]["parameters"]:
+        assert abs(entry["value"] - entry["truth"]) <= 3 * entry["std"]
+    assert all(entry["std"] < 1.3 * result["noise"] for entry in result["validation"]["residual"])
+    assert (folder / "report.html").is_file()
+    code, answer = call_json(capsys, "demo", "-o", folder)
+    assert code == 3
+    assert answer["errors"][0]["code"] == "output.foreign-folder"
+
+
+def test_demo_does_not_hide_a_bad_end(capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr("symid.cli.demo._find_noise", lambda *_: 1e-9)
+    code, answer = call_json(capsys, "demo", "-o", tmp_path / "demo")
+    assert code == 1
+    assert "demo.above-noise" in {entry["code"] for entry in answer["errors"]}
