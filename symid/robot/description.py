@@ -142,7 +142,9 @@ class Processing:
     """From a recording to states: zero-phase Butterworth, central differences, cut ends, decimation.
 
     `filter_cutoff` in Hz, None for no filter; `filter_torque` whether the torque passes it too;
-    `drop_first`, `drop_last` samples cut off after differentiation.
+    `drop_first`, `drop_last` samples cut off after differentiation; `noise_freedom` what is taken
+    from m rows when the variance of the noise is estimated, |e|^2 / (m - k): "parameters" (k of them
+    fitted, without bias) or "one", as publications do that quote the standard deviation of e.
     """
 
     filter_order: int = 4
@@ -150,6 +152,7 @@ class Processing:
     filter_torque: bool = False
     drop_first: int = 0
     drop_last: int = 0
+    noise_freedom: str = "parameters"
     decimation: Decimation = field(default_factory=Decimation)
 
 

@@ -71,7 +71,9 @@ class Exact:
         return Exact.surd(Fraction(text))
 
     @staticmethod
-    def surd(one: Fraction, two: Fraction | int = 0, three: Fraction | int = 0, six: Fraction | int = 0) -> "Exact":
+    def surd(
+        one: Fraction, two: Fraction | int = 0, three: Fraction | int = 0, six: Fraction | int = 0
+    ) -> "Exact":
         """Return `one + two*sqrt(2) + three*sqrt(3) + six*sqrt(6)`."""
         value = (Fraction(one), Fraction(two), Fraction(three), Fraction(six))
         return Exact((("", value),) if any(value) else ())
@@ -194,7 +196,7 @@ _HALF_TANGENT_DENOMINATOR = 10**8
 def _cosine_of_twelfths(k: int) -> Exact:
     k = k % _FULL_TURN
     k = min(k, _FULL_TURN - k)
-    return _COSINES[k] if k <= 6 else -_COSINES[12 - k]  # noqa: PLR2004  quarter turn is 6/12 pi
+    return _COSINES[k] if k <= 6 else -_COSINES[12 - k]
 
 
 def find_angle(radians: float, *, snap: float = 1e-5) -> Angle:
@@ -267,7 +269,9 @@ def _dot(left: Row, right: Row) -> Exact:
 def compose_placements(outer: Placement, inner: Placement) -> Placement:
     """Return `inner`, given in the frame `outer`, seen from where `outer` is seen from."""
     columns = list(zip(*inner.rotation, strict=True))
-    r0, r1, r2 = ((_dot(row, columns[0]), _dot(row, columns[1]), _dot(row, columns[2])) for row in outer.rotation)
+    r0, r1, r2 = (
+        (_dot(row, columns[0]), _dot(row, columns[1]), _dot(row, columns[2])) for row in outer.rotation
+    )
     t0, t1, t2 = (
         shift + _dot(row, inner.translation)
         for row, shift in zip(outer.rotation, outer.translation, strict=True)

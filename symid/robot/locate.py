@@ -1,0 +1,60 @@
+"""Where robot files are: in a path, in ./robots, or among those that come with symid.
+
+Input: a path or a name. Output: the path of a robot file.
+"""
+
+import difflib
+from pathlib import Path
+
+from symid.errors import Notice, UsageError
+from symid.resources import find_resource_folder
+
+__all__ = ["find_robot_file", "list_robots"]
+
+_SUFFIX = ".toml"
+
+
+def _find_folders() -> tuple[Path, ...]:
+    return (Path("robots"), find_resource_folder("robots"))
+
+
+def list_robots() -> tuple[str, ...]:
+    """Return the names of all robots in ./robots and of those that come with symid, sorted."""
+    names = {
+        path.stem for folder in _find_folders() if folder.is_dir() for path in folder.glob(f"*{_SUFFIX}")
+    }
+    return tuple(sorted(names))
+
+
+def find_robot_file(name_or_path: str) -> Path:
+    """Return the robot file at a path, or of a name in ./robots or among the installed robots.
+
+    Raises:
+        UsageError: there is none; the message has the nearest names.
+    """
+    path = Path(name_or_path)
+    if path.is_file():
+        return path
+    if path.name == name_or_path:
+        stem = name_or_path.removesuffix(_SUFFIX)
+        for folder in _find_folders():
+            candidate = folder / f"{stem}{_SUFFIX}"
+            if candidate.is_file():
+                return candidate
+    raise UsageError(Notice(code="usage.unknown-robot", text=_explain(path)))
+
+
+def _explain(path: Path) -> str:
+    if path.is_dir():
+        return (
+            f"'{path}' is a folder; give a robot file (.toml) or a robot's name: {', '.join(list_robots())}"
+        )
+    if path.parent != Path():
+        siblings = [str(other) for other in sorted(path.parent.glob(f"*{_SUFFIX}"))]
+        near = difflib.get_close_matches(str(path), siblings, n=3, cutoff=0.6)
+        hint = f"did you mean {' or '.join(near)}?" if near else "give the path of a .toml file"
+        return f"there is no robot file '{path}'; {hint}"
+    names = list_robots()
+    near = difflib.get_close_matches(path.name.lower().removesuffix(_SUFFIX), names, n=3, cutoff=0.5)
+    hint = f"did you mean {' or '.join(near)}? " if near else ""
+    return f"there is no robot '{path}'; {hint}known are {', '.join(names)}, or give the path of a .toml file"
