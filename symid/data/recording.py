@@ -6,8 +6,6 @@ Input: arrays from a reader. Output: `Recording`, and `Signals` once filtered an
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from symid.arrays import FloatArray, freeze
 from symid.errors import Notice
 
@@ -25,6 +23,7 @@ class Recording:
         velocity: (N, n) rad/s or m/s where the log has it.
         source: the file it was read from, or what made it.
         notices: what a reader should know: conversions made, columns not used.
+        extras: numeric columns of the log that are none of these, as logged.
     """
 
     time: FloatArray
@@ -41,11 +40,12 @@ class Recording:
             object.__setattr__(self, name, freeze(getattr(self, name)))
         if self.velocity is not None:
             object.__setattr__(self, "velocity", freeze(self.velocity))
+        object.__setattr__(self, "extras", {name: freeze(values) for name, values in self.extras.items()})
 
     @property
     def period(self) -> float:
-        """Return the median sample period in s."""
-        return float(np.median(np.diff(self.time)))
+        """Return the mean sample period in s: clocks round each time, but not their sum."""
+        return float((self.time[-1] - self.time[0]) / (len(self.time) - 1))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -1,0 +1,118 @@
+"""What is suspicious in a recording, in plain sentences; nothing here stops an identification.
+
+Input: `Recording`, the robot. Output: notices.
+
+Supported: uneven sampling and gaps, a channel that never changes, standstill, torque at its limit,
+positions beyond the joint's limits, positions that look like degrees, coarse or repeated samples.
+Not supported: delays between channels, offsets between runs.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from symid.arrays import FloatArray
+from symid.data.recording import Recording
+from symid.errors import Notice
+from symid.robot.description import Joint, JointKind, Robot
+
+__all__ = ["check_recording"]
+
+# Thresholds are those of a remark, not of a refusal: they only choose what is worth saying.
+_JITTER = 0.05
+_GAP = 1.5
+_REPEATED = 0.5
+_STANDSTILL = 0.5
+_SLOW = 1e-3
+_SATURATED = 0.01
+_MANY_TURNS = 4.0 * np.pi
+
+
+def check_recording(recording: Recording, robot: Robot) -> tuple[Notice, ...]:
+    """Return what a reader of an identification from this recording should know first."""
+    found = list(_check_time(recording.time))
+    for index, joint in enumerate(robot.joints):
+        position, torque = recording.position[:, index], recording.torque[:, index]
+        found += _check_position(position, joint)
+        found += _check_torque(torque, joint)
+        found += _check_motion(position, recording.period, joint)
+    return tuple(Notice(code=code, text=text, file=recording.source) for code, text in found)
+
+
+def _check_time(time: FloatArray) -> Iterator[tuple[str, str]]:
+    steps = np.diff(time)
+    period = float(np.median(steps))
+    gaps = np.flatnonzero(steps > _GAP * period)
+    if len(gaps):
+        first = int(gaps[0])
+        text = (
+            f"samples are missing: {len(gaps)} steps are longer than {_GAP:g} periods of {period:.6g} s, "
+            f"the first from {time[first]:.6g} s to {time[first + 1]:.6g} s; filters assume even sampling"
+        )
+        yield "log.gap", text
+        return
+    jitter = float(np.max(np.abs(steps - period))) / period
+    if jitter > _JITTER:
+        text = f"steps of time differ by up to {100 * jitter:.3g} % from {period:.6g} s"
+        yield "log.jitter", f"{text}; filters assume even sampling"
+
+
+def _check_position(position: FloatArray, joint: Joint) -> Iterator[tuple[str, str]]:
+    low, high = float(position.min()), float(position.max())
+    if low == high:
+        yield "log.constant-position", f"joint {joint.name!r} never moves in this log"
+        return
+    repeated = (
+        float(np.mean(np.diff(position[_moving(position)]) == 0.0)) if _moving(position).sum() > 1 else 0.0
+    )
+    if repeated > _REPEATED:
+        text = (
+            f"joint {joint.name!r} moves, yet {100 * repeated:.0f} % of its positions repeat the one before"
+        )
+        yield "log.repeated-samples", f"{text}: the sensor is slower than the log, or coarse"
+    limits = joint.limits.position
+    unit = "m" if joint.kind is JointKind.PRISMATIC else "rad"
+    if limits and (low < limits[0] or high > limits[1]):
+        text = f"joint {joint.name!r} runs from {low:.4g} to {high:.4g} {unit}, beyond its limits"
+        yield "log.beyond-limits", f"{text} {limits[0]:.4g} .. {limits[1]:.4g}; check unit and factor"
+    elif joint.kind is JointKind.REVOLUTE and high - low > _MANY_TURNS:
+        text = f"joint {joint.name!r} sweeps {high - low:.4g} rad, more than two turns"
+        yield "log.looks-like-degrees", f"{text}; is the log in degrees, or on the motor side?"
+
+
+def _moving(position: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+    """Return where a joint moves at more than a tenth of its median speed, over ten samples."""
+    span = min(10, len(position) - 1)
+    travel = np.abs(position[span:] - position[:-span])
+    mask = np.zeros(len(position), dtype=np.bool_)
+    mask[: len(travel)] = travel > 0.1 * float(np.median(travel))
+    return mask
+
+
+def _check_torque(torque: FloatArray, joint: Joint) -> Iterator[tuple[str, str]]:
+    peak = float(np.max(np.abs(torque)))
+    if float(torque.min()) == float(torque.max()):
+        yield "log.constant-torque", f"the torque of joint {joint.name!r} is {torque[0]:.4g} throughout"
+        return
+    at_peak = float(np.mean(np.abs(torque) >= peak * (1.0 - 1e-9)))
+    if at_peak > _SATURATED:
+        text = f"joint {joint.name!r}: {100 * at_peak:.1f} % of the torques are the same peak of {peak:.4g}"
+        yield "log.saturation", f"{text}: the drive saturates, or the log is clipped"
+    limit = joint.limits.torque
+    if limit is not None and peak > limit * (1.0 + 1e-6):
+        text = f"the torque of joint {joint.name!r} reaches {peak:.4g}, beyond its limit {limit:.4g}"
+        yield "log.torque-beyond-limit", f"{text}; check unit, factor and gear"
+
+
+def _check_motion(position: FloatArray, period: float, joint: Joint) -> Iterator[tuple[str, str]]:
+    sweep = float(position.max() - position.min())
+    if sweep == 0.0:
+        return
+    # A speed below a thousandth of sweep per second counts as standstill; taken over a tenth of a
+    # second, so that the steps of an encoder do not count as motion.
+    span = max(1, min(round(0.1 / period), len(position) - 1))
+    speed = np.abs(position[span:] - position[:-span]) / (span * period)
+    share = float(np.mean(speed < _SLOW * max(sweep, float(speed.max()))))
+    if share > _STANDSTILL:
+        text = f"joint {joint.name!r} stands still during {100 * share:.0f} % of the log"
+        yield "log.standstill", f"{text}; it says little about inertia and viscous friction"

@@ -1,0 +1,95 @@
+"""Filters without phase, central differences, decimation: the same for every column.
+
+Input: arrays with time along the first axis. Output: arrays of the same form.
+
+Supported: uniform sampling; Butterworth low-pass forward and backward, Chebyshev I decimation
+forward and backward. Ends are continued by odd reflection over 3 (order) samples.
+Not supported: uneven sampling, online filtering.
+"""
+
+import numpy as np
+
+from symid.arrays import FloatArray
+from symid.errors import LogError, Notice
+from symid.robot.description import Decimation
+
+__all__ = ["decimate", "differentiate", "find_pad_length", "low_pass"]
+
+
+def find_pad_length(order: int) -> int:
+    """Return the number of samples by which each end is continued; a signal must be longer."""
+    return 3 * order
+
+
+def low_pass(values: FloatArray, *, period: float, cutoff: float, order: int) -> FloatArray:
+    """Return `values` (N, ...) through a Butterworth filter, forward and backward.
+
+    The order is that of one pass; the gain at `cutoff` is 1/2 after both.
+
+    Args:
+        values: (N, ...), any unit.
+        period: sample period in s.
+        cutoff: of one pass, in Hz.
+        order: of one pass.
+
+    Raises:
+        LogError: the cut-off is not below half the sample rate, or there are too few samples.
+    """
+    nyquist = 0.5 / period
+    if not 0.0 < cutoff < nyquist:
+        raise LogError(
+            Notice(
+                code="log.filter-cutoff",
+                text=f"a filter cut-off of {cutoff:g} Hz does not fit a log sampled every {period:g} s: "
+                f"it must lie between 0 and {nyquist:g} Hz",
+            )
+        )
+    from scipy.signal import butter
+
+    numerator, denominator = butter(order, cutoff / nyquist)
+    return _filter_both_ways(numerator, denominator, values, order)
+
+
+def differentiate(values: FloatArray, period: float) -> FloatArray:
+    """Return the time derivative of `values` (N, ...): central differences, one-sided at the ends.
+
+    dx[k] = (x[k+1] - x[k-1]) / (2 T); `period` T in s.
+    """
+    slope: FloatArray = np.gradient(values, period, axis=0)
+    return slope
+
+
+def decimate(values: FloatArray, decimation: Decimation) -> FloatArray:
+    """Return every `factor`-th sample of `values` (N, ...) after a zero-phase Chebyshev I low-pass.
+
+    Kept are ceil(N / r) samples that end with the last one: counted from one, the first is
+    r - (r ceil(N / r) - N), as in MATLAB's `decimate`.
+
+    Raises:
+        LogError: there are too few samples for the filter.
+    """
+    factor = decimation.factor
+    if factor == 1:
+        return values.copy()
+    from scipy.signal import cheby1
+
+    numerator, denominator = cheby1(decimation.order, decimation.ripple_db, decimation.band / factor)
+    smooth = _filter_both_ways(numerator, denominator, values, decimation.order)
+    kept = -(-len(values) // factor)
+    first = factor - (factor * kept - len(values)) - 1
+    return np.ascontiguousarray(smooth[first::factor])
+
+
+def _filter_both_ways(b: FloatArray, a: FloatArray, values: FloatArray, order: int) -> FloatArray:
+    pad = find_pad_length(order)
+    if len(values) <= pad:
+        raise LogError(
+            Notice(
+                code="log.too-short",
+                text=f"{len(values)} samples are left to filter; order {order} needs more than {pad}",
+            )
+        )
+    from scipy.signal import filtfilt
+
+    result: FloatArray = filtfilt(b, a, values, axis=0, padtype="odd", padlen=pad)
+    return np.ascontiguousarray(result)

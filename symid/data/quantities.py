@@ -1,0 +1,230 @@
+"""From raw columns to a quantity per joint: found by name, in SI units, on the joint side.
+
+Input: `RawLog`, the robot's `LogMap`. Output: arrays (N, n); remarks on every conversion.
+
+    columns -> one column a joint -> SI (unit) -> quantity (factor) -> joint side (gear)
+
+Supported: one column a joint, or one array with a column a joint; without a map, the names
+t, q, dq, tau (arrays) or q1, q2 ... and time, position, velocity, torque.
+Not supported: coupled drives (a motor that moves two joints).
+"""
+
+import difflib
+import re
+
+import numpy as np
+
+from symid.arrays import FloatArray
+from symid.data.findings import Findings
+from symid.data.table import RawLog
+from symid.robot.description import Joint, JointKind, LogQuantity, Robot
+from symid.units import find_unit_factor, nearest_units
+
+__all__ = ["DEFAULT_NAMES", "find_quantity", "find_time"]
+
+DEFAULT_NAMES = {
+    "time": ("t", "time"),
+    "position": ("q", "position"),
+    "velocity": ("dq", "velocity"),
+    "torque": ("tau", "torque"),
+}
+"""Names under which a quantity is looked up where the robot file says nothing."""
+
+_DIMENSIONS = {
+    "position": {JointKind.REVOLUTE: "angle", JointKind.PRISMATIC: "length"},
+    "velocity": {JointKind.REVOLUTE: "angular velocity", JointKind.PRISMATIC: "velocity"},
+    "torque": {JointKind.REVOLUTE: "torque", JointKind.PRISMATIC: "force"},
+}
+# A factor may have any of these on the raw side: encoder counts, sensor and command voltages.
+_CONVERTIBLE = ("number", "voltage", "current")
+
+
+def find_time(raw: RawLog, robot: Robot, findings: Findings) -> tuple[FloatArray | None, tuple[str, ...]]:
+    """Return time (N,) in s, None if it is not there, and the names of the columns used."""
+    asked = robot.log.time
+    names = asked.columns if asked else _find_default_names(raw, "time")
+    array = _stack_columns(raw, names, "time", findings)
+    if array is None:
+        return None, names
+    unit = _choose_unit(raw, names, asked, "s", findings)
+    found = _look_up_unit(unit, "time", findings)
+    if found is None:
+        return None, names
+    if found[0] not in ("time", "SI"):
+        findings.refuse(
+            "log.wrong-unit", f"time is in {unit!r}, which is a unit of {found[0]}; use s, ms or us"
+        )
+        return None, names
+    if array.shape[1] != 1:
+        findings.refuse("log.time-columns", f"time has {array.shape[1]} columns, it must have one")
+        return None, names
+    factor = found[1] * (asked.factor[0] if asked else 1.0)
+    if factor != 1.0:
+        findings.remark("log.converted", f"time: column {names[0]!r} in {unit} was multiplied by {factor:g}")
+    return array[:, 0] * factor, names
+
+
+def find_quantity(
+    raw: RawLog, robot: Robot, name: str, samples: int | None, findings: Findings
+) -> tuple[FloatArray | None, tuple[str, ...]]:
+    """Return the quantity `name` (N, n) in SI units on the joint side, and the columns used.
+
+    None if there is no such column (a mistake, except for a velocity that no map asks for), or if
+    it cannot be converted. `samples` is the length of the time column, where that is known.
+    """
+    asked: LogQuantity | None = getattr(robot.log, name)
+    names = asked.columns if asked else _find_default_names(raw, name)
+    if name == "velocity" and asked is None and not all(column in raw.columns for column in names):
+        return None, ()
+    array = _stack_columns(raw, names, name, findings)
+    if array is not None:
+        array = _orient(array, samples, name, names, findings)
+    if array is None:
+        return None, names
+    if array.shape[1] != robot.size:
+        text = f"{name} has {array.shape[1]} columns ({_join(names)}), the robot {robot.size} joints"
+        findings.refuse("log.joint-count", text)
+        return None, names
+    unit = _choose_unit(raw, names, asked, "SI", findings)
+    scale = _find_scale(name, unit, asked, robot.joints, findings)
+    if scale is None:
+        return None, names
+    if np.any(scale != 1.0):
+        findings.remark("log.converted", f"{name}: {_join(names)} {_describe_scale(unit, scale, asked)}")
+    return array * scale, names
+
+
+def _find_default_names(raw: RawLog, name: str) -> tuple[str, ...]:
+    """Return the names under which the quantity is there; the first default name if it is not."""
+    for stem in DEFAULT_NAMES[name]:
+        if stem in raw.columns:
+            return (stem,)
+        numbered = (re.fullmatch(rf"{stem}_?(\d+)", column) for column in raw.columns)
+        found = sorted((int(match[1]), match[0]) for match in numbered if match)
+        if found and name != "time":
+            return tuple(column for _, column in found)
+    return (DEFAULT_NAMES[name][0],)
+
+
+def _stack_columns(
+    raw: RawLog, names: tuple[str, ...], quantity: str, findings: Findings
+) -> FloatArray | None:
+    missing = [name for name in names if name not in raw.columns]
+    for name in missing:
+        findings.refuse("log.missing-column", _describe_missing(raw, name, quantity))
+    if missing:
+        return None
+    parts = [np.atleast_1d(raw.columns[name]) for name in names]
+    if len(parts) == 1:
+        return parts[0].reshape(len(parts[0]), -1)
+    lengths = {name: len(part) for name, part in zip(names, parts, strict=True)}
+    if len(set(lengths.values())) > 1 or any(part.ndim > 1 for part in parts):
+        shapes = ", ".join(f"{name} {part.shape}" for name, part in zip(names, parts, strict=True))
+        findings.refuse("log.unequal-length", f"the columns of {quantity} differ in shape: {shapes}")
+        return None
+    return np.stack(parts, axis=1)
+
+
+def _describe_missing(raw: RawLog, name: str, quantity: str) -> str:
+    if name in raw.others:
+        return f"{quantity}: {name!r} is in the log, but it is not a column of real numbers"
+    near = difflib.get_close_matches(name, raw.columns, n=3, cutoff=0.5)
+    hint = f"did you mean {' or '.join(map(repr, near))}? " if near else ""
+    there = _join(tuple(raw.columns)) or "no columns"
+    return f"{quantity}: there is no column {name!r}; {hint}the log has {there}"
+
+
+def _orient(
+    array: FloatArray, samples: int | None, name: str, names: tuple[str, ...], findings: Findings
+) -> FloatArray | None:
+    if samples is None or len(array) == samples:
+        return array
+    if array.shape[1] == samples:
+        findings.remark("log.transposed", f"{name}: {_join(names)} has a row a joint and was transposed")
+        return array.T
+    text = f"{name} ({_join(names)}) has {len(array)} samples, time has {samples}"
+    findings.refuse("log.unequal-length", text)
+    return None
+
+
+def _choose_unit(
+    raw: RawLog, names: tuple[str, ...], asked: LogQuantity | None, standard: str, findings: Findings
+) -> str:
+    """Return the unit of the robot file, else that of the log, else SI; say where the two differ."""
+    stated = {raw.units[name] for name in names if name in raw.units}
+    if asked is None:
+        if len(stated) > 1 and standard == "SI":
+            # Revolute and prismatic joints side by side; each must then be in SI units.
+            stated = stated if any(_find_factor_or_zero(unit) != 1.0 for unit in stated) else set()
+        if len(stated) > 1:
+            units = ", ".join(sorted(stated))
+            findings.refuse(
+                "log.mixed-units", f"{_join(names)} are in different units: {units}; use one for all"
+            )
+        return min(stated, default=standard)
+    for unit in sorted(stated - {asked.unit}):
+        text = f"{_join(names)}: the log says {unit!r}, the robot file {asked.unit!r}"
+        findings.remark("log.unit-differs", f"{text}; the robot file was followed")
+    return asked.unit
+
+
+def _find_factor_or_zero(unit: str) -> float:
+    try:
+        return find_unit_factor(unit)[1]
+    except KeyError:
+        return 0.0
+
+
+def _look_up_unit(unit: str, name: str, findings: Findings) -> tuple[str, float] | None:
+    try:
+        return find_unit_factor(unit)
+    except KeyError:
+        near = nearest_units(unit)
+        hint = (
+            f"did you mean {' or '.join(map(repr, near))}?"
+            if near
+            else "leave it out if the column is in SI units"
+        )
+        findings.refuse("log.unknown-unit", f"{name}: there is no unit {unit!r}; {hint}")
+        return None
+
+
+def _find_scale(
+    name: str, unit: str, asked: LogQuantity | None, joints: tuple[Joint, ...], findings: Findings
+) -> FloatArray | None:
+    """Return what each joint's column is multiplied by, (n,)."""
+    found = _look_up_unit(unit, name, findings)
+    if found is None:
+        return None
+    dimension, to_si = found
+    factor = asked.factor if asked else (1.0,)
+    wanted = _DIMENSIONS[name]
+    plain = all(value == 1.0 for value in factor)
+    for joint in joints:
+        if dimension in ("SI", wanted[joint.kind]):
+            continue
+        if plain:
+            needs = ", for which a factor is needed" if dimension in _CONVERTIBLE else ""
+            text = f"{name} is in {unit!r}, a unit of {dimension}{needs}"
+            findings.refuse("log.wrong-unit", f"{text}; joint {joint.name!r} needs {wanted[joint.kind]}")
+            return None
+    if len(factor) not in (1, len(joints)):
+        findings.refuse("log.factor-count", f"{name}: {len(factor)} factors for {len(joints)} joints")
+        return None
+    gear = np.array([joint.drive.gear for joint in joints]) if _is_motor_side(asked) else np.ones(len(joints))
+    turned = gear if name == "torque" else 1.0 / gear
+    return np.broadcast_to(np.array(factor), (len(joints),)) * to_si * turned
+
+
+def _is_motor_side(asked: LogQuantity | None) -> bool:
+    return asked is not None and asked.side == "motor"
+
+
+def _describe_scale(unit: str, scale: FloatArray, asked: LogQuantity | None) -> str:
+    values = scale if np.any(scale != scale[0]) else scale[:1]
+    side = " (motor side, gear included)" if _is_motor_side(asked) else ""
+    return f"in {unit} was multiplied by {', '.join(f'{value:.10g}' for value in values)}{side}"
+
+
+def _join(names: tuple[str, ...]) -> str:
+    return ", ".join(map(repr, names))

@@ -1,0 +1,117 @@
+"""From a log file to a recording, in SI units, on the joint side.
+
+Input: a path, the robot whose `[log]` map says which column is what. Output: `Recording`.
+
+    file -> raw columns (by suffix) -> quantities -> checked -> Recording
+
+Supported: .mat (version 7.2 and before), .npz, .csv and .txt with a heading line.
+Not supported: HDF5, Parquet, rosbags.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from symid.arrays import FloatArray
+from symid.data.csv_file import read_csv
+from symid.data.findings import Findings
+from symid.data.mat_file import read_mat
+from symid.data.npz_file import read_npz
+from symid.data.quantities import find_quantity, find_time
+from symid.data.recording import Recording
+from symid.data.signals import describe_too_short, find_least_samples
+from symid.data.table import RawLog, refuse_file
+from symid.errors import LogError
+from symid.robot.description import Processing, Robot
+
+__all__ = ["READERS", "read_recording"]
+
+READERS: dict[str, Callable[[Path], RawLog]] = {
+    ".mat": read_mat,
+    ".npz": read_npz,
+    ".csv": read_csv,
+    ".txt": read_csv,
+}
+"""Which reader a suffix gets."""
+
+
+def read_recording(path: Path, robot: Robot) -> Recording:
+    """Return the recording in the log at `path`, as the robot's `[log]` map reads it.
+
+    Raises:
+        LogError: the file cannot be read, or its columns cannot be used; all that is wrong is said.
+    """
+    raw = _read_raw(path)
+    findings = Findings(file=str(path))
+    time, used = find_time(raw, robot, findings)
+    samples = None if time is None else len(time)
+    values: dict[str, FloatArray | None] = {}
+    for name in ("position", "velocity", "torque"):
+        values[name], columns = find_quantity(raw, robot, name, samples, findings)
+        used += columns
+    _check_numbers(raw, used, findings)
+    if time is not None:
+        _check_time(time, robot.processing, findings)
+    position, torque = values["position"], values["torque"]
+    # What is missing is among the mistakes.
+    if findings.mistakes or time is None or position is None or torque is None:
+        raise LogError(*findings.mistakes)
+    unused = tuple(name for name in raw.columns if name not in used)
+    if unused or raw.others:
+        names = ", ".join((*unused, *raw.others))
+        findings.remark("log.unused-columns", f"columns that were not used: {names}")
+    return Recording(
+        time=time,
+        position=position,
+        velocity=values["velocity"],
+        torque=torque,
+        source=str(path),
+        notices=tuple(findings.remarks),
+        extras={name: raw.columns[name] for name in unused},
+    )
+
+
+def _read_raw(path: Path) -> RawLog:
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        known = ", ".join(READERS)
+        found = f"{path.suffix!r}" if path.suffix else "no suffix"
+        raise refuse_file(str(path), f"a log must be one of {known}, got {found}", "log.unknown-suffix")
+    if not path.exists():
+        raise refuse_file(str(path), "there is no such file", "log.no-such-file")
+    if not path.is_file():
+        raise refuse_file(str(path), "this is a folder, not a log", "log.unreadable")
+    try:
+        return reader(path)
+    except PermissionError as error:
+        raise refuse_file(str(path), "the file may not be read (no permission)") from error
+
+
+def _check_numbers(raw: RawLog, used: tuple[str, ...], findings: Findings) -> None:
+    for name in dict.fromkeys(used):
+        column = raw.columns.get(name)
+        if column is None:
+            continue
+        bad = np.argwhere(~np.isfinite(np.atleast_1d(column)))
+        if len(bad):
+            first = int(bad[0, 0])
+            place = f"sample {first}" + (f", column {int(bad[0, 1])}" if bad.shape[1] > 1 else "")
+            text = (
+                f"{name!r} holds {len(bad)} values that are no numbers (NaN, infinite); the first at {place}"
+            )
+            findings.refuse("log.not-finite", f"{text}, counted from 0; cut or repair the log there")
+
+
+def _check_time(time: FloatArray, processing: Processing, findings: Findings) -> None:
+    steps = np.diff(time)
+    back = np.flatnonzero(steps <= 0.0)
+    if len(back):
+        at = int(back[0])
+        text = (
+            f"time must grow: sample {at + 1} (counted from 0) is at {time[at + 1]:.9g} s, the one before it"
+        )
+        more = f"; {len(back)} steps are like that" if len(back) > 1 else ""
+        findings.refuse("log.time-order", f"{text} at {time[at]:.9g} s{more}")
+    if len(time) < find_least_samples(processing):
+        findings.mistakes.append(describe_too_short(len(time), processing, file=findings.file))

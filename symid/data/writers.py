@@ -1,0 +1,97 @@
+"""From a recording to a log file that `read_recording` reads without a `[log]` map.
+
+Input: `Recording`, the robot. Output: a .npz or .csv file, written whole or not at all.
+
+Supported: time, position, velocity where there is one, torque, in SI units with the units stated.
+Not supported: extras; they belong to the file they were read from.
+"""
+
+import csv
+import io
+import os
+import tempfile
+import zipfile
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from symid.arrays import FloatArray
+from symid.data.npz_file import UNITS
+from symid.data.recording import Recording
+from symid.errors import Notice, OutputError
+from symid.notation import find_unit
+from symid.robot.description import JointKind, Robot
+
+__all__ = ["write_recording"]
+
+
+def write_recording(recording: Recording, path: Path, robot: Robot) -> Path:
+    """Write the recording to `path` (.npz or .csv), in place of an older file; return the path.
+
+    Raises:
+        OutputError: the suffix is another one, or the folder cannot be written.
+    """
+    writers = {".npz": _write_npz, ".csv": _write_csv}
+    writer = writers.get(path.suffix.lower())
+    if writer is None:
+        text = f"a log is written as {' or '.join(writers)}, got {path.suffix or 'no suffix'}"
+        raise OutputError(Notice(code="output.unknown-suffix", text=text, file=str(path)))
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        try:
+            with os.fdopen(handle, "wb") as stream:
+                writer(stream, recording, robot)
+            Path(temporary).replace(path)
+        except BaseException:
+            Path(temporary).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        text = f"the log cannot be written: {error.strerror or error}"
+        raise OutputError(Notice(code="output.unwritable", text=text, file=str(path))) from error
+    return path
+
+
+def _list_quantities(recording: Recording) -> list[tuple[str, FloatArray]]:
+    found = [("q", recording.position), ("tau", recording.torque)]
+    if recording.velocity is not None:
+        found.insert(1, ("dq", recording.velocity))
+    return found
+
+
+def _find_units(name: str, robot: Robot) -> tuple[str, ...]:
+    return tuple(find_unit(name, prismatic=joint.kind is JointKind.PRISMATIC) for joint in robot.joints)
+
+
+def _write_npz(stream: IO[bytes], recording: Recording, robot: Robot) -> None:
+    arrays: dict[str, np.ndarray] = {"t": recording.time}
+    headings = ["t [s]"]
+    for name, values in _list_quantities(recording):
+        arrays[name] = values
+        units = set(_find_units(name, robot))
+        headings.append(f"{name} [{units.pop() if len(units) == 1 else 'SI'}]")
+    arrays[UNITS] = np.array(headings)
+    # Arrays go one by one: savez dates its members, and the same recording must give the same bytes.
+    _write_archive(stream, arrays)
+
+
+def _write_archive(stream: IO[bytes], arrays: dict[str, np.ndarray]) -> None:
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, values in arrays.items():
+            member = zipfile.ZipInfo(f"{name}.npy")
+            member.compress_type = zipfile.ZIP_DEFLATED
+            with archive.open(member, "w", force_zip64=True) as part:
+                np.lib.format.write_array(part, np.ascontiguousarray(values), allow_pickle=False)
+
+
+def _write_csv(stream: IO[bytes], recording: Recording, robot: Robot) -> None:
+    headings, columns = ["t [s]"], [recording.time[:, None]]
+    for name, values in _list_quantities(recording):
+        units = _find_units(name, robot)
+        headings += [f"{name}{number} [{unit}]" for number, unit in enumerate(units, 1)]
+        columns.append(values)
+    with io.TextIOWrapper(stream, encoding="utf-8", newline="", write_through=True) as text:
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(headings)
+        writer.writerows([repr(value) for value in row] for row in np.hstack(columns).tolist())

@@ -1,0 +1,232 @@
+"""An experiment: a robot under PD control along a trajectory, logged like a real one.
+
+Input: robot, library with values, trajectory, options, a random generator.
+Output: `SimulationRun`: the recording, and the truth behind it.
+
+    tau = Kp (q_d - q_m) + Kd (dq_d - dq_f)    each period, held until the next
+
+with q_m from the encoder and dq_f its low-passed difference. The logged torque at a sample is
+that of a sensor that averages over the period around it: the mean of the torques before and
+after the tick, so that it belongs to the same instant as the position.
+
+Supported: joint PD, torque limits of the robot file.
+Not supported: feed-forward, motor-side logs, elastic joints.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from symid.arrays import FloatArray, freeze
+from symid.codegen.library import Library
+from symid.data.recording import Recording
+from symid.errors import Notice, SolverError, UsageError
+from symid.excitation.trajectories import Trajectory
+from symid.robot.description import Robot
+from symid.simulation.plant import Plant, PlantState, start_state
+from symid.simulation.sensors import SensorOptions, Sensors, add_torque_noise, build_sensors, quantise
+
+__all__ = ["ExperimentOptions", "SimulationRun", "simulate_experiment"]
+
+_RUNAWAY = 1e4
+"""Positions in rad or m beyond this are no motion of a robot."""
+_GAIN_SAMPLES = 50
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExperimentOptions:
+    """How an experiment is run; times in s, frequencies in Hz.
+
+    `duration` None for the trajectory's own; `stiffness` (Kp) and `damping` (Kd) per joint, None for
+    gains that give `bandwidth` with critical damping at the joint's mean effective inertia.
+    """
+
+    duration: float | None = None
+    period: float = 1e-3
+    substeps: int = 1
+    bandwidth: float = 12.0
+    velocity_filter: float = 150.0
+    stiffness: tuple[float, ...] | None = None
+    damping: tuple[float, ...] | None = None
+    sensors: SensorOptions = field(default_factory=SensorOptions)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SimulationRun:
+    """A recording and the truth behind it.
+
+    Args:
+        recording: what a log of this run holds.
+        q, dq: (N, n) true states. desired: (N, n) reference positions. torque: (N, n) held from
+            each sample to the next; the last row repeats the one before.
+        kinetic, potential, work, dissipation: (N,) J; work and dissipation since the start.
+        events: how often a joint came to rest or turned.
+    """
+
+    recording: Recording
+    q: FloatArray
+    dq: FloatArray
+    desired: FloatArray
+    torque: FloatArray
+    kinetic: FloatArray
+    potential: FloatArray
+    work: FloatArray
+    dissipation: FloatArray
+    events: int
+
+    def __post_init__(self) -> None:
+        """Copy the arrays and make them read-only."""
+        for name in ("q", "dq", "desired", "torque", "kinetic", "potential", "work", "dissipation"):
+            object.__setattr__(self, name, freeze(getattr(self, name)))
+
+    @property
+    def energy_gap(self) -> float:
+        """Return the largest |work - change of energy - dissipation|, relative to the most work done."""
+        energy = self.kinetic + self.potential
+        gap = np.abs(self.work - (energy - energy[0]) - self.dissipation)
+        return float(gap.max() / max(float(np.abs(self.work).max()), np.finfo(np.float64).tiny))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Control:
+    """Gains (n,), pole of the velocity filter, torque limits (n,)."""
+
+    stiffness: FloatArray
+    damping: FloatArray
+    blend: float
+    limit: FloatArray
+
+
+def simulate_experiment(
+    robot: Robot,
+    library: Library,
+    trajectory: Trajectory,
+    options: ExperimentOptions,
+    rng: np.random.Generator,
+) -> SimulationRun:
+    """Return the run of `robot` along `trajectory`, from rest at its start.
+
+    Raises:
+        UsageError: sizes that do not fit, a value that the robot file does not state, options out of range.
+        SolverError: the controlled robot is unstable, or chatters without end.
+    """
+    _check_sizes(robot, library, trajectory, options)
+    plant = Plant(library)
+    sensors = build_sensors(robot, options.sensors)
+    duration = trajectory.duration if options.duration is None else options.duration
+    times = freeze(np.arange(round(duration / options.period) + 1) * options.period)
+    desired, speeds, _ = trajectory.evaluate(times)
+    control = _build_control(robot, library, plant, desired, options)
+    states, torque = _run(plant, sensors, control, (desired, speeds), options)
+    q, dq = np.array([state.q for state in states]), np.array([state.dq for state in states])
+    kinetic, potential = library.evaluate("energy", q, dq, plant.beta)
+    # The mean of the torques before and after each tick; nothing was held before the first.
+    logged = torque.copy()
+    logged[1:] = 0.5 * (torque[1:] + torque[:-1])
+    return SimulationRun(
+        recording=Recording(
+            time=times,
+            position=quantise(q, sensors.step),
+            torque=add_torque_noise(logged, sensors, rng),
+            source=f"simulated: {robot.name}, {trajectory.source}",
+            notices=_say_saturation(robot, torque, control),
+        ),
+        q=q,
+        dq=dq,
+        desired=desired,
+        torque=torque,
+        kinetic=kinetic.reshape(-1),
+        potential=potential.reshape(-1),
+        work=np.array([state.work for state in states]),
+        dissipation=np.array([state.dissipation for state in states]),
+        events=states[-1].events,
+    )
+
+
+def _run(
+    plant: Plant,
+    sensors: Sensors,
+    control: _Control,
+    reference: tuple[FloatArray, FloatArray],
+    options: ExperimentOptions,
+) -> tuple[list[PlantState], FloatArray]:
+    """Return the states at every tick and the torques held from it (the last one repeats)."""
+    desired, speeds = reference
+    state = start_state(desired[0])
+    states, torque = [state], np.zeros_like(desired)
+    measured = quantise(state.q, sensors.step)
+    velocity = np.zeros(plant.size)
+    for k in range(len(desired) - 1):
+        before, measured = measured, quantise(state.q, sensors.step)
+        velocity = velocity + control.blend * ((measured - before) / options.period - velocity)
+        error, slip = desired[k] - measured, speeds[k] - velocity
+        demand = control.stiffness * error + control.damping * slip
+        torque[k] = np.minimum(np.maximum(demand, -control.limit), control.limit)
+        state = plant.advance(state, torque[k], options.period, options.substeps)
+        states.append(state)
+        if not np.abs(state.q).max() < _RUNAWAY:
+            raise SolverError(_describe_runaway(k, options))
+    torque[-1] = torque[-2]
+    return states, torque
+
+
+def _build_control(
+    robot: Robot, library: Library, plant: Plant, desired: FloatArray, options: ExperimentOptions
+) -> _Control:
+    """Return gains: Kp = w^2 J, Kd = 2 w J with J the mean of 1 / (M^-1)_jj along the trajectory.
+
+    J is what a joint feels while the others are free, never more than M_jj; with it no mode of
+    the coupled robot is faster than w sqrt(n).
+    """
+    samples = np.linspace(0, len(desired) - 1, _GAIN_SAMPLES).astype(int)
+    (mass,) = library.evaluate("mass_matrix", desired[samples], plant.beta)
+    inertia = np.mean(1.0 / np.diagonal(np.linalg.inv(mass), axis1=1, axis2=2), axis=0)
+    pole = 2.0 * np.pi * options.bandwidth
+    limits = [joint.limits.torque for joint in robot.joints]
+    return _Control(
+        stiffness=np.array(options.stiffness) if options.stiffness else pole**2 * inertia,
+        damping=np.array(options.damping) if options.damping else 2.0 * pole * inertia,
+        blend=1.0 - float(np.exp(-2.0 * np.pi * options.velocity_filter * options.period)),
+        limit=np.array([np.inf if limit is None else limit for limit in limits]),
+    )
+
+
+def _check_sizes(robot: Robot, library: Library, trajectory: Trajectory, options: ExperimentOptions) -> None:
+    size = robot.size
+    problems = []
+    if trajectory.size != size or library.card.size != size:
+        problems.append(
+            f"the robot has {size} joints, the trajectory {trajectory.size}, the library {library.card.size}"
+        )
+    for name in ("stiffness", "damping"):
+        gains: tuple[float, ...] | None = getattr(options, name)
+        if gains is not None and len(gains) != size:
+            problems.append(f"{name}: {len(gains)} numbers for {size} joints")
+    duration = trajectory.duration if options.duration is None else options.duration
+    if not (options.period > 0.0 and options.substeps >= 1 and duration >= 2.0 * options.period):
+        problems.append(
+            f"duration {duration:g} s, period {options.period:g} s, substeps {options.substeps}: "
+            "the period must be positive, with one substep and two periods at least"
+        )
+    if problems:
+        raise UsageError(*(Notice(code="usage.experiment", text=text) for text in problems))
+
+
+def _say_saturation(robot: Robot, torque: FloatArray, control: _Control) -> tuple[Notice, ...]:
+    share = np.mean(np.abs(torque) >= control.limit, axis=0)
+    return tuple(
+        Notice(
+            code="simulate.saturation",
+            text=f"joint {joint.name!r} was at its torque limit during {100 * part:.1f} % of the run",
+        )
+        for joint, part in zip(robot.joints, share.tolist(), strict=True)
+        if part
+    )
+
+
+def _describe_runaway(tick: int, options: ExperimentOptions) -> Notice:
+    text = (
+        f"the controlled robot ran away at t = {tick * options.period:g} s: lower the bandwidth "
+        f"({options.bandwidth:g} Hz) or the gains, or shorten the control period ({options.period:g} s)"
+    )
+    return Notice(code="simulate.unstable", text=text)

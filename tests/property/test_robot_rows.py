@@ -1,0 +1,145 @@
+"""Rows of both conventions against products of elementary matrices in floating point."""
+
+import math
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from symid.robot.toml import parse_robot
+
+ANGLES = st.one_of(
+    st.integers(-24, 24).map(lambda k: (f'"{k}*pi/12"' if k >= 0 else f'"-{-k}*pi/12"', k * math.pi / 12)),
+    # Away from multiples of pi/2, which would be snapped.
+    st.floats(-1.4, 1.4).filter(lambda x: abs(x) > 1e-3).map(lambda x: (repr(x), x)),
+)
+LENGTHS = st.decimals(-2, 2, places=4).map(lambda x: (str(x), float(x)))
+KINDS = st.sampled_from(["revolute", "prismatic"])
+ROWS = st.tuples(KINDS, ANGLES, LENGTHS, LENGTHS, ANGLES)
+CHAINS = st.lists(ROWS, min_size=1, max_size=5)
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def turn_x(angle):
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[1, 0, 0, 0], [0, c, -s, 0], [0, s, c, 0], [0, 0, 0, 1]])
+
+
+def turn_z(angle):
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+
+
+def move(x, z):
+    matrix = np.eye(4)
+    matrix[0, 3], matrix[2, 3] = x, z
+    return matrix
+
+
+def write_robot(convention, chain, extra=""):
+    text = f'convention = "{convention}"\ngravity = [0, 0, -9.81]\n'
+    for kind, alpha, a, d, theta in chain:
+        text += f'[[joint]]\nkind = "{kind}"\nalpha = {alpha[0]}\na = {a[0]}\nd = {d[0]}\ntheta = {theta[0]}\n{extra}'
+    return text
+
+
+def to_matrix(placement):
+    matrix = np.eye(4)
+    matrix[:3, :3] = [[entry.to_float() for entry in row] for row in placement.rotation]
+    matrix[:3, 3] = [entry.to_float() for entry in placement.translation]
+    return matrix
+
+
+def find_joint_motion(joint, q):
+    return turn_z(q) if joint.kind.value == "revolute" else move(0, q)
+
+
+def find_coordinates(row, q):
+    """Return alpha, a, d, theta of a row with the joint moved by q."""
+    kind, alpha, a, d, theta = row
+    turned = theta[1] + (q if kind == "revolute" else 0)
+    return alpha[1], a[1], d[1] + (q if kind == "prismatic" else 0), turned
+
+
+@given(CHAINS, SEEDS)
+def test_modified_rows_give_the_product_of_their_matrices(chain, seed):
+    robot = parse_robot(write_robot("modified", chain))
+    coordinates = np.random.default_rng(seed).uniform(-3, 3, len(chain))
+    expected = found = np.eye(4)
+    for joint, row, q in zip(robot.joints, chain, coordinates, strict=True):
+        alpha, a, d, theta = find_coordinates(row, q)
+        expected = expected @ turn_x(alpha) @ move(a, 0) @ turn_z(theta) @ move(0, d)
+        found = found @ to_matrix(joint.placement) @ find_joint_motion(joint, q)
+        np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+@given(CHAINS, SEEDS)
+def test_standard_rows_and_the_tip_give_the_product_of_their_matrices(chain, seed):
+    robot = parse_robot(write_robot("standard", chain))
+    coordinates = np.random.default_rng(seed).uniform(-3, 3, len(chain))
+    expected = found = np.eye(4)
+    for joint, row, q in zip(robot.joints, chain, coordinates, strict=True):
+        alpha, a, d, theta = find_coordinates(row, q)
+        expected = expected @ turn_z(theta) @ move(0, d) @ move(a, 0) @ turn_x(alpha)
+        found = found @ to_matrix(joint.placement) @ find_joint_motion(joint, q)
+    np.testing.assert_allclose(found @ to_matrix(robot.tip), expected, atol=1e-12)
+
+
+@given(CHAINS)
+def test_rotations_are_exactly_orthogonal_for_multiples_of_a_twelfth_of_pi(chain):
+    chain = [(kind, ('"pi/6"', math.pi / 6), a, d, ('"-3*pi/4"', -3 * math.pi / 4)) for kind, _, a, d, _ in chain]
+    for joint in parse_robot(write_robot("modified", chain)).joints:
+        rows = joint.placement.rotation
+        for i in range(3):
+            for j in range(3):
+                x, y, z = (rows[i][k] * rows[j][k] for k in range(3))
+                assert str(x + y + z) == ("1" if i == j else "0")
+
+
+@given(ROWS, SEEDS)
+def test_a_link_given_in_its_standard_frame_is_the_same_body(row, seed):
+    rng = np.random.default_rng(seed)
+    masses, points = rng.uniform(0.1, 2, 6), rng.uniform(-0.5, 0.5, (6, 3))
+    com = masses @ points / masses.sum()
+    tensor = find_tensor(masses, points - com)
+    xx, yy, zz = np.diag(tensor)
+    extra = (
+        f"[joint.link]\nmass = {masses.sum()!r}\ncom = [{com[0]!r}, {com[1]!r}, {com[2]!r}]\n"
+        f"inertia = {{ xx = {xx!r}, xy = {tensor[0, 1]!r}, xz = {tensor[0, 2]!r}, "
+        f"yy = {yy!r}, yz = {tensor[1, 2]!r}, zz = {zz!r} }}\n"
+    ).replace("np.float64(", "").replace(")", "")
+    joint = parse_robot(write_robot("standard", [row], extra)).joints[0]
+    # The points of the body seen from the joint's own frame, by matrices.
+    far_end = move(row[2][1], 0) @ turn_x(row[1][1])
+    moved = points @ far_end[:3, :3].T + far_end[:3, 3]
+    np.testing.assert_allclose(joint.inertial, find_parameters(masses, moved), atol=1e-12)
+
+
+def find_tensor(masses, points):
+    return sum(m * (p @ p * np.eye(3) - np.outer(p, p)) for m, p in zip(masses, points, strict=True))
+
+
+def find_parameters(masses, points):
+    """Return the ten parameters of point masses, by their definition as sums."""
+    tensor = find_tensor(masses, points)
+    return [*tensor[0], *tensor[1, 1:], tensor[2, 2], *(masses @ points), masses.sum()]
+
+
+@given(SEEDS, st.booleans())
+def test_both_forms_of_a_link_are_the_sums_over_its_points(seed, central):
+    rng = np.random.default_rng(seed)
+    masses, points = rng.uniform(0.1, 2, 5), rng.uniform(-0.5, 0.5, (5, 3))
+    expected = find_parameters(masses, points)
+    com = masses @ points / masses.sum()
+    if central:
+        about = find_parameters(masses, points - com)[:6]
+        names = ("xx", "xy", "xz", "yy", "yz", "zz")
+        entries = ", ".join(f"{name} = {float(value)!r}" for name, value in zip(names, about, strict=True))
+        extra = f"[joint.link]\nmass = {float(masses.sum())!r}\ncom = {com.tolist()!r}\ninertia = {{ {entries} }}\n"
+    else:
+        names = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
+        entries = ", ".join(f"{name} = {float(value)!r}" for name, value in zip(names, expected, strict=True))
+        extra = f"[joint.link]\nstandard = {{ {entries} }}\n"
+    row = ("revolute", ("0", 0.0), ("0", 0.0), ("0", 0.0), ("0", 0.0))
+    joint = parse_robot(write_robot("modified", [row], extra)).joints[0]
+    np.testing.assert_allclose(joint.inertial, expected, rtol=1e-12, atol=1e-13)

@@ -1,0 +1,120 @@
+"""Filters against closed forms: no phase, known gain, the kept samples, exact derivatives."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from symid.data.filters import decimate, differentiate, low_pass
+from symid.data.recording import Recording
+from symid.data.signals import decimate_columns, find_least_samples, prepare_signals
+from symid.errors import LogError
+from symid.robot.description import Decimation, Processing
+
+T = 1e-3
+TIMES = np.arange(4000) * T
+MIDDLE = slice(1000, 3000)
+
+
+@pytest.mark.parametrize("frequency", [5.0, 20.0, 50.0, 80.0])
+def test_butterworth_has_no_phase_and_the_gain_of_two_passes(frequency):
+    wave = np.sin(2 * np.pi * frequency * TIMES)
+    # |H|^2 of one digital pass, frequencies warped by the bilinear transform.
+    ratio = np.tan(np.pi * frequency * T) / np.tan(np.pi * 50.0 * T)
+    smooth = low_pass(wave, period=T, cutoff=50.0, order=4)
+    np.testing.assert_allclose(smooth[MIDDLE], wave[MIDDLE] / (1 + ratio**8), atol=1e-9)
+
+
+@given(seed=st.integers(0, 1000), order=st.integers(1, 6), cutoff=st.floats(50.0, 300.0))
+def test_filters_are_linear_keep_lines_and_mirror_with_time(seed, order, cutoff):
+    rng = np.random.default_rng(seed)
+    x, y = rng.normal(size=(2, 600))
+
+    def run(values):
+        return low_pass(values, period=T, cutoff=cutoff, order=order)
+
+    np.testing.assert_allclose(run(2.0 * x - y), 2.0 * run(x) - run(y), atol=1e-9)
+    line = 3.0 + 0.5 * np.arange(600)
+    # Inside, away from the transients at the ends: lines pass, and forward-backward equals backward-forward.
+    np.testing.assert_allclose(run(line)[200:400], line[200:400], atol=1e-3)
+    np.testing.assert_allclose(run(x)[::-1][200:400], run(x[::-1])[200:400], atol=1e-4)
+
+
+def test_every_column_is_filtered_alike():
+    x = np.random.default_rng(1).normal(size=(500, 3))
+    whole = decimate_columns(x, Decimation(factor=5))
+    for column in range(3):
+        np.testing.assert_array_equal(whole[:, column], decimate_columns(x[:, column], Decimation(factor=5)))
+
+
+@pytest.mark.parametrize(("samples", "factor"), [(1000, 10), (1001, 10), (1009, 10), (24792, 10), (557, 4)])
+def test_decimation_keeps_the_last_sample_of_every_block_counted_from_the_end(samples, factor):
+    # A line passes a zero-phase filter of odd order unchanged, so that values tell which samples were kept.
+    kept = decimate(np.arange(1.0, samples + 1), Decimation(factor=factor, order=3))
+    count = -(-samples // factor)
+    assert len(kept) == count
+    first = factor - (factor * count - samples)
+    assert first + factor * (count - 1) == samples
+    inner = slice(count // 3, 2 * count // 3)
+    np.testing.assert_allclose(kept[inner], (first + factor * np.arange(count))[inner], atol=0.02)
+
+
+def test_decimation_by_one_is_a_copy():
+    x = np.arange(5.0)
+    kept = decimate(x, Decimation(factor=1))
+    np.testing.assert_array_equal(kept, x)
+    assert kept is not x
+
+
+def test_decimation_removes_what_would_fold_back():
+    alias = np.sin(2 * np.pi * 95.0 * TIMES)
+    assert np.abs(decimate(alias, Decimation(factor=10))[100:300]).max() < 1e-4
+
+
+def test_central_differences_are_exact_for_parabolas_inside():
+    slope = differentiate(np.column_stack([TIMES**2, 4.0 * TIMES]), T)
+    np.testing.assert_allclose(slope[1:-1, 0], 2.0 * TIMES[1:-1], atol=1e-9)
+    np.testing.assert_allclose(slope[:, 1], 4.0, atol=1e-9)
+
+
+def record(samples=1000):
+    t = np.arange(samples) * T
+    return Recording(time=t, position=np.sin(t)[:, None], torque=np.cos(t)[:, None], source="run")
+
+
+def test_signals_are_the_derivatives_of_the_position_with_cut_ends():
+    processing = Processing(filter_cutoff=100.0, drop_first=100, drop_last=150)
+    signals = prepare_signals(record(), processing)
+    t = TIMES[100:850]
+    np.testing.assert_array_equal(signals.time, t)
+    np.testing.assert_allclose(signals.q[:, 0], np.sin(t), atol=1e-6)
+    np.testing.assert_allclose(signals.dq[:, 0], np.cos(t), atol=1e-4)
+    np.testing.assert_array_equal(signals.tau[:, 0], np.cos(t))
+
+
+def test_the_torque_is_filtered_when_asked():
+    tau = np.random.default_rng(0).normal(size=(1000, 1))
+    recording = Recording(time=TIMES[:1000], position=tau, torque=tau)
+    signals = prepare_signals(recording, Processing(filter_cutoff=50.0, filter_torque=True))
+    np.testing.assert_array_equal(signals.tau, signals.q)
+
+
+def test_a_log_of_just_enough_samples_passes_and_one_less_does_not():
+    processing = Processing(filter_cutoff=100.0, drop_first=5, decimation=Decimation(factor=4))
+    least = find_least_samples(processing)
+    signals = prepare_signals(record(least), processing)
+    decimate_columns(signals.q, processing.decimation)
+    with pytest.raises(LogError, match=f"{least - 1} samples; .* need {least} at least"):
+        prepare_signals(record(least - 1), processing)
+
+
+@pytest.mark.parametrize("cutoff", [500.0, 900.0])
+def test_a_cutoff_above_half_the_sample_rate_is_refused(cutoff):
+    with pytest.raises(LogError, match="between 0 and 500 Hz") as caught:
+        prepare_signals(record(), Processing(filter_cutoff=cutoff))
+    assert caught.value.notices[0].code == "log.filter-cutoff"
+
+
+def test_too_few_rows_to_decimate_are_refused():
+    with pytest.raises(LogError, match="order 8 needs more than 24"):
+        decimate_columns(np.zeros((24, 1)), Decimation(factor=2))

@@ -1,0 +1,275 @@
+"""Readers: what they make of good logs, and the sentence every bad log gets."""
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from symid.data.readers import read_recording
+from symid.errors import LogError
+from symid.robot.description import Decimation, JointKind, Processing, Robot
+
+P = JointKind.PRISMATIC
+
+
+def problems(path, robot):
+    with pytest.raises(LogError) as caught:
+        read_recording(path, robot)
+    return {notice.code: notice.text for notice in caught.value.notices}
+
+
+def remarks(recording):
+    return {notice.code: notice.text for notice in recording.notices}
+
+
+def test_arrays_under_their_own_names(make_robot, columns, write_npz):
+    recording = read_recording(write_npz(**columns), make_robot())
+    np.testing.assert_array_equal(recording.position, columns["q"])
+    np.testing.assert_array_equal(recording.torque, columns["tau"])
+    assert recording.velocity is None
+    assert recording.notices == ()
+    assert recording.period == pytest.approx(0.01)
+
+
+def test_a_velocity_is_read_where_there_is_one(make_robot, columns, write_npz):
+    recording = read_recording(write_npz(**columns, dq=2.0 * columns["q"]), make_robot())
+    np.testing.assert_array_equal(recording.velocity, 2.0 * columns["q"])
+
+
+def test_columns_that_are_not_used_are_said_and_kept(make_robot, columns, write_npz):
+    recording = read_recording(
+        write_npz(**columns, current=columns["t"], note=np.array("hello")), make_robot()
+    )
+    assert remarks(recording)["log.unused-columns"] == "columns that were not used: current, note"
+    np.testing.assert_array_equal(recording.extras["current"], columns["t"])
+
+
+def test_motor_side_logs_are_brought_to_the_joint(make_robot, columns, write_npz):
+    robot = make_robot(
+        gears=(50.0, -80.0),
+        position=(("theta",), "deg", (1.0,), "motor"),
+        torque=(("i1", "i2"), "mA", (0.2, 0.3), "motor"),
+    )
+    path = write_npz(t=columns["t"], theta=columns["q"], i1=columns["tau"][:, 0], i2=columns["tau"][:, 1])
+    recording = read_recording(path, robot)
+    np.testing.assert_allclose(recording.position, np.radians(columns["q"]) / [50.0, -80.0])
+    np.testing.assert_allclose(recording.torque, columns["tau"] * 1e-3 * [0.2 * 50.0, 0.3 * -80.0])
+    texts = [notice.text for notice in recording.notices]
+    assert all("(motor side, gear included)" in text for text in texts)
+    assert "'i1', 'i2' in mA was multiplied by 0.01, -0.024" in texts[1]
+
+
+def test_mat_structures_are_reached_with_a_dot(make_robot, columns, tmp_path):
+    path = tmp_path / "log.mat"
+    log = {
+        "run": {"time": columns["t"] * 1e3, "deep": {"q": columns["q"]}},
+        "tau": columns["tau"],
+        "name": "x",
+    }
+    savemat(path, log)
+    robot = make_robot(
+        time=(("run.time",), "ms"), position=(("run.deep.q",), "rad"), torque=(("tau",), "N m")
+    )
+    recording = read_recording(path, robot)
+    np.testing.assert_allclose(recording.time, columns["t"])
+    np.testing.assert_array_equal(recording.position, columns["q"])
+    assert "name" in remarks(recording)["log.unused-columns"]
+    assert "in ms was multiplied by 0.001" in remarks(recording)["log.converted"]
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_csv_units_stand_in_the_heading(make_robot, tmp_path, separator):
+    path = tmp_path / "log.csv"
+    rows = (
+        ["t [ms]", "q1 [deg]", "q2 [deg]", "tau1 [N m]", "tau2 [N m]"],
+        *[map(str, (10 * k, 180, k, 0.5, -k)) for k in range(40)],
+    )
+    path.write_text("# made by hand\n" + "\n".join(separator.join(row) for row in rows) + "\n\n")
+    recording = read_recording(path, make_robot())
+    np.testing.assert_allclose(recording.time, np.arange(40) * 0.01)
+    np.testing.assert_allclose(recording.position[:, 0], np.pi)
+    np.testing.assert_array_equal(recording.torque[:, 1], -np.arange(40))
+
+
+def test_the_robot_file_wins_over_the_heading_and_it_is_said(make_robot, tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("t,q1 [deg],tau1\n" + "".join(f"{k},{k},1\n" for k in range(9)))
+    recording = read_recording(path, make_robot((JointKind.REVOLUTE,), position=(("q1",), "rad")))
+    np.testing.assert_array_equal(recording.position[:, 0], np.arange(9))
+    assert "the log says 'deg', the robot file 'rad'" in remarks(recording)["log.unit-differs"]
+
+
+def test_rows_instead_of_columns_are_turned_and_said(make_robot, columns, write_npz):
+    recording = read_recording(write_npz(t=columns["t"], q=columns["q"].T, tau=columns["tau"]), make_robot())
+    np.testing.assert_array_equal(recording.position, columns["q"])
+    assert "a row a joint" in remarks(recording)["log.transposed"]
+
+
+def test_all_mistakes_are_said_at_once(make_robot, columns, write_npz):
+    t = columns["t"].copy()
+    t[20] = t[18]
+    tau = columns["tau"].copy()
+    tau[[7, 9], [1, 0]] = np.nan, np.inf
+    robot = make_robot(position=(("theta",), "rad"), torque=(("tau",), "N m"))
+    found = problems(write_npz(t=t, thetas=columns["q"], tau=tau), robot)
+    assert "there is no column 'theta'; did you mean 'thetas'" in found["log.missing-column"]
+    assert "'t', 'thetas', 'tau'" in found["log.missing-column"]
+    assert "sample 20 (counted from 0) is at 0.18 s" in found["log.time-order"]
+    assert "'tau' holds 2 values" in found["log.not-finite"]
+    assert "sample 7, column 1" in found["log.not-finite"]
+
+
+def test_the_wrong_number_of_joints(make_robot, columns, write_npz):
+    found = problems(write_npz(**columns), make_robot((JointKind.REVOLUTE,) * 3))
+    assert "has 2 columns ('q'), the robot 3 joints" in dict(found)["log.joint-count"].replace("tau", "q")
+
+
+def test_numbered_columns_are_counted(make_robot, write_npz, columns):
+    q1, q2 = columns["q"].T
+    found = problems(write_npz(t=columns["t"], q1=q1, q2=q2, q3=q1, tau=columns["tau"]), make_robot())
+    assert "position has 3 columns ('q1', 'q2', 'q3'), the robot 2 joints" in found["log.joint-count"]
+
+
+def test_numbered_columns_go_by_number_not_by_letter(make_robot, write_npz):
+    names = {f"q{k}": np.full(30, float(k)) for k in (10, 2, 1, 3, 4, 5, 6, 7, 8, 9)}
+    path = write_npz(t=np.arange(30.0), **names, tau=np.zeros((30, 10)))
+    recording = read_recording(path, make_robot((JointKind.REVOLUTE,) * 10))
+    np.testing.assert_array_equal(recording.position[0], np.arange(1.0, 11.0))
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        ("Nmm", "log.unknown-unit", "there is no unit 'Nmm'; did you mean"),
+        ("qwzx", "log.unknown-unit", "leave it out if the column is in SI units"),
+        ("rad", "log.wrong-unit", "a unit of angle; joint 'joint1' needs torque"),
+        ("V", "log.wrong-unit", "a unit of voltage, for which a factor is needed"),
+        ("N", "log.wrong-unit", "a unit of force; joint 'joint1' needs torque"),
+    ],
+)
+def test_units_that_do_not_exist_or_do_not_fit(make_robot, columns, write_npz, case):
+    unit, code, text = case
+    assert text in problems(write_npz(**columns), make_robot(torque=(("tau",), unit)))[code]
+
+
+def test_a_time_in_a_unit_of_length(make_robot, columns, write_npz):
+    found = problems(write_npz(**columns), make_robot(time=(("t",), "m")))
+    assert "which is a unit of length; use s, ms or us" in found["log.wrong-unit"]
+
+
+def test_a_prismatic_joint_wants_metres(make_robot, columns, write_npz):
+    path = write_npz(t=columns["t"], q=columns["q"][:, :1], tau=columns["tau"][:, :1])
+    recording = read_recording(path, make_robot((P,), position=(("q",), "mm"), torque=(("tau",), "kN")))
+    np.testing.assert_allclose(recording.position, columns["q"][:, :1] * 1e-3)
+    np.testing.assert_allclose(recording.torque, columns["tau"][:, :1] * 1e3)
+    assert "needs length" in problems(path, make_robot((P,), position=(("q",), "deg")))["log.wrong-unit"]
+
+
+def test_factors_for_another_number_of_joints(make_robot, columns, write_npz):
+    robot = make_robot(torque=(("tau",), "V", (1.0, 2.0, 3.0)))
+    assert "3 factors for 2 joints" in problems(write_npz(**columns), robot)["log.factor-count"]
+
+
+def test_lengths_that_differ(make_robot, columns, write_npz):
+    short = {**columns, "tau": columns["tau"][:-3]}
+    assert "has 47 samples, time has 50" in problems(write_npz(**short), make_robot())["log.unequal-length"]
+    robot = make_robot(position=(("a", "b"), "rad"))
+    path = write_npz(t=columns["t"], a=np.zeros(50), b=np.zeros(49), tau=columns["tau"])
+    assert "differ in shape: a (50,), b (49,)" in problems(path, robot)["log.unequal-length"]
+
+
+def test_two_time_columns(make_robot, columns, write_npz):
+    path = write_npz(t=columns["q"], q=columns["q"], tau=columns["tau"])
+    assert "time has 2 columns" in problems(path, make_robot())["log.time-columns"]
+
+
+def test_units_that_differ_among_joints(make_robot, tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("t,q1 [deg],q2 [rad],tau1,tau2\n" + "".join(f"{k},1,1,1,1\n" for k in range(9)))
+    assert "different units: deg, rad" in problems(path, make_robot())["log.mixed-units"]
+
+
+def test_a_log_too_short_for_its_processing(make_robot, columns, write_npz):
+    base = make_robot()
+    robot = Robot(
+        name="r", joints=base.joints, processing=Processing(drop_first=40, decimation=Decimation(factor=2))
+    )
+    found = problems(write_npz(**columns), robot)["log.too-short"]
+    assert "the log has 50 samples" in found
+    assert "need 65 at least" in found
+
+
+def test_a_column_of_texts_is_no_column_of_numbers(make_robot, columns, write_npz):
+    path = write_npz(t=columns["t"], q=np.full((50, 2), "a"), tau=columns["tau"])
+    assert "it is not a column of real numbers" in problems(path, make_robot())["log.missing-column"]
+
+
+def test_objects_are_never_unpickled(make_robot, columns, write_npz):
+    path = write_npz(t=columns["t"], q=np.array([{}] * 50, dtype=object), tau=columns["tau"])
+    assert "it is not a column of real numbers" in problems(path, make_robot())["log.missing-column"]
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        ("log.npz", b"no archive", "log.format", "not a NumPy archive"),
+        ("log.npz", b"PK\x03\x04 broken", "log.format", "not a NumPy archive"),
+        ("log.npz", b"", "log.format", "not a NumPy archive"),
+        ("log.mat", b"no matlab file at all, but long enough" * 10, "log.format", "not a MATLAB file"),
+        ("log.mat", b"", "log.format", "not a MATLAB file"),
+        ("log.mat", b"MATLAB 7.3".ljust(512) + b"\x89HDF\r\n\x1a\n", "log.format", "save it with"),
+        ("log.csv", b"\xff\xfe\x00\x01", "log.format", "not a text file"),
+        ("log.csv", b"", "log.format", "no line with column names"),
+        ("log.csv", b"0,1\n1,2\n", "log.no-heading", "must name the columns"),
+        ("log.csv", b"t,q,q\n1,2,3\n", "log.duplicate-column", "more than one 'q'"),
+        ("log.bag", b"", "log.unknown-suffix", "must be one of .mat, .npz, .csv, .txt, got '.bag'"),
+        ("log", b"", "log.unknown-suffix", "got no suffix"),
+    ],
+    ids=range(12),
+)
+def test_files_that_are_no_logs(make_robot, tmp_path, case):
+    name, content, code, text = case
+    (tmp_path / name).write_bytes(content)
+    assert text in problems(tmp_path / name, make_robot())[code]
+
+
+def test_files_that_are_not_there(make_robot, tmp_path):
+    assert "no such file" in problems(tmp_path / "log.npz", make_robot())["log.no-such-file"]
+    (tmp_path / "folder.mat").mkdir()
+    assert "a folder" in problems(tmp_path / "folder.mat", make_robot())["log.unreadable"]
+
+
+def test_a_single_array_is_no_log(make_robot, tmp_path):
+    with (tmp_path / "log.npz").open("wb") as stream:
+        np.save(stream, np.zeros(3))
+    assert "not an archive" in problems(tmp_path / "log.npz", make_robot())["log.format"]
+
+
+def test_bad_cells_are_named_by_line_and_column(make_robot, tmp_path):
+    path = tmp_path / "log.csv"
+    lines = ["t,q1,tau1"] + [f"{k},1,2" for k in range(9)]
+    lines[3], lines[5] = '2,"1,5",2', "4,oops,2"
+    path.write_text("\n".join(lines))
+    with pytest.raises(LogError) as caught:
+        read_recording(path, make_robot((JointKind.REVOLUTE,)))
+    first, second = caught.value.notices
+    assert (first.line, second.line) == (4, 6)
+    assert first.code == second.code == "log.not-a-number"
+    assert "column 'q1': '1,5' is not a number" in first.text
+
+
+def test_lines_of_other_lengths_are_named_the_first_five(make_robot, tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("t,q1,tau1\n" + "1,2\n" * 8)
+    with pytest.raises(LogError) as caught:
+        read_recording(path, make_robot((JointKind.REVOLUTE,)))
+    assert [notice.line for notice in caught.value.notices] == [2, 3, 4, 5, 6, 0]
+    assert [notice.code for notice in caught.value.notices[-2:]] == ["log.line-length", "log.more"]
+    assert "3 more" in caught.value.notices[-1].text
+
+
+def test_an_empty_cell_is_a_missing_number(make_robot, tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("t,q1,tau1\n0,1,2\n1,,2\n2,1,2\n3,1,2\n")
+    found = problems(path, make_robot((JointKind.REVOLUTE,)))["log.not-finite"]
+    assert "'q1' holds 1 values" in found
+    assert "sample 1," in found

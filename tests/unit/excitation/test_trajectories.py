@@ -1,0 +1,160 @@
+"""Trajectories: exact derivatives, rest at the start, the papers' numbers, limits kept."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from symid.errors import UsageError
+from symid.excitation.trajectories import (
+    FourierOptions,
+    build_fourier,
+    build_random_fourier,
+    build_ta,
+    build_tb,
+)
+from symid.robot.description import Joint, JointKind, Limits, Robot
+from symid.robot.geometry import IDENTITY
+
+
+def random_series(seed, ramp=2.0):
+    rng = np.random.default_rng(seed)
+    return build_fourier(
+        sines=rng.normal(size=(3, 4)),
+        cosines=rng.normal(size=(3, 4)),
+        base_frequency=0.2,
+        centre=rng.normal(size=3),
+        duration=10.0,
+        ramp=ramp,
+    )
+
+
+def check_derivatives(trajectory):
+    times = np.linspace(0.05, trajectory.duration - 0.05, 173)
+    h = 1e-4
+    (ahead, slope_ahead, _), (behind, slope_behind, _) = (
+        trajectory.evaluate(times + sign * h) for sign in (1, -1)
+    )
+    _, dq, ddq = trajectory.evaluate(times)
+    np.testing.assert_allclose(dq, (ahead - behind) / (2 * h), atol=1e-6 * np.abs(dq).max() + 1e-8)
+    np.testing.assert_allclose(
+        ddq, (slope_ahead - slope_behind) / (2 * h), atol=1e-6 * np.abs(ddq).max() + 1e-8
+    )
+
+
+@given(seed=st.integers(0, 1000), ramp=st.sampled_from([0.0, 0.5, 2.0]))
+def test_derivatives_of_fourier_series(seed, ramp):
+    check_derivatives(random_series(seed, ramp))
+
+
+@pytest.mark.parametrize("trajectory", [build_ta(), build_tb(0), build_tb(1), build_ta(ramp=0.0)])
+def test_derivatives_of_the_papers_trajectories(trajectory):
+    check_derivatives(trajectory)
+
+
+@pytest.mark.parametrize("trajectory", [build_ta(), build_tb(1), random_series(1)])
+def test_every_trajectory_starts_at_its_centre_at_rest(trajectory):
+    q, dq, ddq = trajectory.evaluate(np.zeros(1))
+    np.testing.assert_array_equal(q[0], trajectory.centre)
+    assert not dq.any()
+    assert not ddq.any()
+
+
+def test_fourier_series_is_its_formula():
+    rng = np.random.default_rng(3)
+    sines, cosines = rng.normal(size=(2, 2, 3))
+    series = build_fourier(
+        sines=sines, cosines=cosines, base_frequency=0.5, centre=np.array([1.0, -2.0]), duration=4.0, ramp=0.0
+    )
+    t = np.linspace(0, 4, 50)
+    angle = np.pi * np.outer(t, [1, 2, 3])
+    expected = [1.0, -2.0] + np.sin(angle) @ sines.T + np.cos(angle) @ cosines.T
+    np.testing.assert_allclose(series.evaluate(t)[0], expected, atol=1e-12)
+
+
+def test_shapes_that_do_not_fit():
+    with pytest.raises(UsageError, match="do not belong together") as caught:
+        build_fourier(
+            sines=np.zeros((2, 3)),
+            cosines=np.zeros((2, 2)),
+            base_frequency=1.0,
+            centre=np.zeros(2),
+            duration=1.0,
+        )
+    assert caught.value.notices[0].code == "usage.trajectory-shape"
+
+
+def test_ta_has_the_published_ranges_and_speeds():
+    t = np.linspace(10.0, 20.0, 200_001)  # one period, after the ramp
+    q, dq, ddq = build_ta().evaluate(t)
+    np.testing.assert_allclose(np.degrees(q.min(axis=0)), [-6.659, -7.626], atol=5e-4)
+    np.testing.assert_allclose(np.degrees(q.max(axis=0)), [8.628, 8.698], atol=5e-4)
+    np.testing.assert_allclose(np.abs(dq).max(axis=0), [0.532, 0.552], atol=5e-4)
+    np.testing.assert_allclose(np.abs(ddq).max(axis=0), [2.64, 2.61], atol=5e-3)
+    reversals = (np.diff(np.sign(dq), axis=0) != 0).sum(axis=0)
+    np.testing.assert_array_equal(reversals, [20, 20])
+
+
+def test_ta_and_tb_without_ramp_start_where_the_papers_do():
+    q, dq, _ = build_ta(ramp=0.0).evaluate(np.zeros(1))
+    np.testing.assert_allclose(q[0], [0.0632, 0.0831], atol=5e-5)
+    np.testing.assert_allclose(dq[0], [0.518, 0.332], atol=5e-4)
+    q, dq, _ = build_tb(0, ramp=0.0).evaluate(np.zeros(1))
+    np.testing.assert_allclose([q[0, 0], dq[0, 0]], [np.pi / 2, -np.pi / 100], atol=1e-12)
+
+
+def test_tb_turns_where_the_table_says_and_moves_one_joint():
+    t = np.linspace(0.0, 50.0, 500_001)
+    q, dq, ddq = build_tb(1, ramp=0.0).evaluate(t)
+    assert not q[:, 0].any()
+    turns = np.flatnonzero(np.diff(np.sign(dq[:, 1])) != 0)
+    expected = [-81.05, 72.06, -63.07, 54.08, -45.09, 36.11, -27.15, 18.22, -9.42, 1.61]
+    np.testing.assert_allclose(np.degrees(q[turns, 1])[:10], expected, atol=6e-3)
+    np.testing.assert_allclose([np.abs(dq).max(), np.abs(ddq).max()], [0.940, 0.62], atol=5e-3)
+
+
+def test_tb_of_a_joint_that_is_not_there():
+    with pytest.raises(UsageError, match="no joint 3; the robot has 2") as caught:
+        build_tb(2)
+    assert caught.value.notices[0].code == "usage.unknown-joint"
+
+
+LIMITS = (
+    Limits(position=(-0.2, 1.0), velocity=0.7),
+    Limits(position=(-20.0, 20.0), velocity=30.0),
+    Limits(),
+)
+
+
+def build_robot():
+    kinds = (JointKind.PRISMATIC, JointKind.REVOLUTE, JointKind.REVOLUTE)
+    joints = tuple(
+        Joint(name=f"j{i}", kind=kind, parent=i - 1, placement=IDENTITY, limits=limits)
+        for i, (kind, limits) in enumerate(zip(kinds, LIMITS, strict=True))
+    )
+    return Robot(name="robot", joints=joints)
+
+
+@given(seed=st.integers(0, 500), harmonics=st.integers(1, 8))
+def test_random_series_keep_the_limits_and_use_them(seed, harmonics):
+    options = FourierOptions(harmonics=harmonics)
+    trajectory = build_random_fourier(build_robot(), np.random.default_rng(seed), options)
+    q, dq, ddq = trajectory.evaluate(np.linspace(0.0, options.duration, 5000))
+    share = np.array(
+        [
+            np.abs(q - [0.4, 0.0, 0.0]).max(axis=0) / [0.6, np.pi, options.sweep],
+            np.abs(dq).max(axis=0) / [0.7, 30.0, options.speed],
+            np.abs(ddq).max(axis=0) / options.acceleration,
+        ]
+    )
+    assert np.all(share < 0.95)
+    # Of the three limits one is used as far as is allowed.
+    np.testing.assert_allclose(share.max(axis=0), 0.9, rtol=0.01)
+
+
+def test_the_same_generator_gives_the_same_series():
+    first, second = (build_random_fourier(build_robot(), np.random.default_rng(5)) for _ in range(2))
+    assert first.amplitude.tobytes() == second.amplitude.tobytes()
+    assert replace(first, ramp=0.0).source == second.source

@@ -1,0 +1,130 @@
+"""Experiments: what is logged, what is true, and what bad calls get."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symid.errors import SolverError, UsageError
+from symid.excitation.trajectories import build_ta, build_tb
+from symid.robot.description import Limits
+from symid.simulation.experiment import ExperimentOptions, simulate_experiment
+from symid.simulation.sensors import SensorOptions, add_torque_noise, build_sensors, quantise
+
+CLEAN = ExperimentOptions(duration=3.0, sensors=SensorOptions(counts_per_turn=None))
+
+
+def simulate(robot, library, options=CLEAN, seed=1, trajectory=None):
+    return simulate_experiment(robot, library, trajectory or build_ta(), options, np.random.default_rng(seed))
+
+
+def test_a_clean_run_closes_its_energy_balance(make_robot, arm):
+    run = simulate(make_robot(2), arm)
+    assert run.energy_gap < 1e-6
+    assert run.events > 2
+    assert run.work[0] == run.dissipation[0] == 0.0
+
+
+def test_the_energy_gap_sees_a_wrong_dissipation(make_robot, arm):
+    run = simulate(make_robot(2), arm)
+    assert replace(run, dissipation=1.01 * run.dissipation).energy_gap > 1e-4
+
+
+def test_work_is_the_sum_of_held_torque_times_motion(make_robot, arm):
+    run = simulate(make_robot(2), arm)
+    steps = np.einsum("ij,ij->i", run.torque[:-1], np.diff(run.q, axis=0))
+    np.testing.assert_allclose(run.work[1:], np.cumsum(steps), rtol=1e-9, atol=1e-10)
+
+
+def test_the_arm_follows_its_reference(make_robot, arm):
+    run = simulate(make_robot(2), arm, ExperimentOptions(duration=3.0, bandwidth=15.0))
+    # Gravity bends a PD loop; what is asked here is that it moves as told.
+    late = run.recording.time > 1.0
+    assert np.corrcoef(run.q[late, 0], run.desired[late, 0])[0, 1] > 0.99
+
+
+def test_the_log_satisfies_the_equation_of_motion(make_robot, arm):
+    run = simulate(make_robot(2), arm)
+    q, dq = run.q, run.dq
+    ddq = np.gradient(dq, 1e-3, axis=0)
+    beta = np.array([entry.value for entry in arm.card.beta])
+    Fv, Fc, offset = np.array([0.8, 0.4]), np.array([1.5, 0.6]), np.array([0.0, 0.1])
+    moving = np.abs(dq).min(axis=1) > 0.02
+    moving[:2] = moving[-2:] = False
+    predicted = np.array(
+        [arm.mass(a, beta) @ c + arm.bias(a, b, beta) for a, b, c in zip(q, dq, ddq, strict=True)]
+    )
+    predicted += Fv * dq + Fc * np.sign(dq) + offset
+    gap = np.abs(predicted - run.recording.torque)[moving]
+    # Were the torque logged half a period late, this would be fifty times as much.
+    assert gap.max() < 2e-3 * np.abs(run.recording.torque).max()
+
+
+def test_the_same_seed_gives_the_same_bytes(make_robot, arm):
+    options = replace(CLEAN, duration=0.5, sensors=SensorOptions(torque_noise=(0.1,)))
+    first, second = (simulate(make_robot(2), arm, options, seed=7).recording.torque for _ in range(2))
+    assert first.tobytes() == second.tobytes()
+    assert simulate(make_robot(2), arm, options, seed=8).recording.torque.tobytes() != first.tobytes()
+
+
+def test_torque_limits_hold_and_are_said(make_robot, arm):
+    robot = make_robot(2, limits=(Limits(torque=20.0), Limits()))
+    run = simulate(robot, arm, replace(CLEAN, duration=1.0))
+    assert np.abs(run.torque[:, 0]).max() == 20.0
+    assert [notice.code for notice in run.recording.notices] == ["simulate.saturation"]
+    assert "joint1" in run.recording.notices[0].text
+
+
+def test_own_gains_are_used(make_robot, arm):
+    stiff = replace(CLEAN, duration=1.0, stiffness=(9000.0, 2000.0), damping=(200.0, 40.0))
+    soft = simulate(make_robot(2), arm, replace(CLEAN, duration=1.0, bandwidth=6.0))
+    run = simulate(make_robot(2), arm, stiff)
+    assert np.abs(run.q - run.desired).max() < 0.3 * np.abs(soft.q - soft.desired).max()
+
+
+def test_an_unstable_loop_is_an_error_with_a_remedy(make_robot, arm):
+    with pytest.raises(SolverError, match="lower the bandwidth") as caught:
+        simulate(make_robot(2), arm, replace(CLEAN, bandwidth=400.0))
+    assert caught.value.notices[0].code == "simulate.unstable"
+
+
+def test_all_sizes_that_do_not_fit_are_said_at_once(make_robot, arm):
+    options = replace(CLEAN, stiffness=(1.0,), period=0.0)
+    with pytest.raises(UsageError) as caught:
+        simulate(make_robot(1), arm, options, trajectory=build_tb(0, size=3))
+    assert {notice.code for notice in caught.value.notices} == {"usage.experiment"}
+    text = str(caught.value)
+    assert "the robot has 1 joints, the trajectory 3, the library 2" in text
+    assert "period 0 s" in text
+
+
+def test_encoders_round_to_whole_steps(make_robot):
+    sensors = build_sensors(make_robot(2), SensorOptions(counts_per_turn=4096.0))
+    q = np.random.default_rng(3).normal(size=(200, 2))
+    counts = quantise(q, sensors.step) / (2 * np.pi / 4096)
+    np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
+    assert np.abs(quantise(q, sensors.step) - q).max() <= np.pi / 4096 * (1 + 1e-12)
+
+
+def test_torque_noise_has_its_standard_deviation(make_robot):
+    sensors = build_sensors(make_robot(2), SensorOptions(torque_noise=(0.5, 2.0)))
+    noisy = add_torque_noise(np.zeros((20_000, 2)), sensors, np.random.default_rng(5))
+    np.testing.assert_allclose(noisy.std(axis=0), [0.5, 2.0], rtol=0.03)
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "text"),
+    [
+        (SensorOptions(counts_per_turn=0.0), "usage.sensor-counts", "counts per turn must be positive"),
+        (
+            SensorOptions(torque_noise=(1.0, 1.0, 1.0)),
+            "usage.sensor-noise",
+            "one number for all or 2 numbers",
+        ),
+        (SensorOptions(torque_noise=(-1.0,)), "usage.sensor-noise", "none negative"),
+    ],
+)
+def test_sensors_that_cannot_be(make_robot, options, code, text):
+    with pytest.raises(UsageError, match=text) as caught:
+        build_sensors(make_robot(2), options)
+    assert caught.value.notices[0].code == code
