@@ -16,13 +16,13 @@ import casadi as ca
 
 from symid.algebra.code import CodeAlgebra, build_code_state
 from symid.algebra.exact import find_symbols
+from symid.codegen.catalogue import find_specs
 from symid.codegen.functions import (
     FunctionSpec,
     JointCard,
     ModelCard,
     ParameterCard,
     find_model_signature,
-    find_specs,
 )
 from symid.dynamics.base import BaseParameter, BaseParameters, Label, find_base_parameters
 from symid.dynamics.composite import find_mass_matrix

@@ -1,10 +1,10 @@
-"""The catalogue of functions: names, ordered inputs and outputs, shapes, units.
+"""What a function is to its users, and the model card that travels with generated code.
 
-Input: the sizes of a robot. Output: `FunctionSpec` records and the `ModelCard` that travels
-with generated code, so that its users need neither the robot file nor SymPy.
+Input: the catalogue's specs, names and reasons of the parameters. Output: `ModelCard`, as an object and as
+JSON, so that users of a library need neither the robot file nor SymPy.
 
-Supported: rigid robots. Shapes are those of one sample; in a batch, inputs and outputs
-that change from sample to sample get a leading axis.
+Shapes are those of one sample; in a batch, inputs and outputs that change from sample to sample get a
+leading axis.
 """
 
 import json
@@ -22,7 +22,6 @@ __all__ = [
     "ParameterCard",
     "Port",
     "find_model_signature",
-    "find_specs",
     "read_model_card",
     "write_model_card",
 ]
@@ -108,127 +107,6 @@ class ModelCard:
     def size(self) -> int:
         """Return the number of joints."""
         return len(self.joints)
-
-
-def find_specs(joints: int, beta: int, friction: int) -> tuple[FunctionSpec, ...]:
-    """Return the catalogue for a robot with so many joints, base and friction parameters.
-
-    Units are written for revolute joints; of a prismatic one read m for rad and N for N m.
-    """
-    n = joints
-
-    def sample(name: str, unit: str, meaning: str, *shape: int) -> Port:
-        return Port(name=name, shape=shape or (n,), unit=unit, meaning=meaning)
-
-    q = sample("q", "rad", "joint coordinates")
-    dq = sample("dq", "rad/s", "joint velocities")
-    ddq = sample("ddq", "rad/s^2", "joint accelerations")
-    dqr = sample("dqr", "rad/s", "reference velocities")
-    ddqr = sample("ddqr", "rad/s^2", "reference accelerations")
-    tau_in = sample("tau", "N m", "joint torques without friction")
-    b = Port(name="beta", shape=(beta,), unit="mixed", meaning="base inertial parameters", shared=True)
-    f = Port(name="f", shape=(friction,), unit="mixed", meaning="friction parameters", shared=True)
-
-    def spec(name: str, meaning: str, inputs: tuple[Port, ...], *outputs: Port) -> FunctionSpec:
-        return FunctionSpec(name=name, inputs=inputs, outputs=outputs, meaning=meaning)
-
-    tau = sample("tau", "N m", "joint torques without friction")
-    matrix = sample("M", "kg m^2", "mass matrix", n, n)
-    rigid = (
-        spec(
-            "forward_kinematics",
-            "pose of every link frame in the base frame",
-            (q,),
-            sample("R", "1", "rotation matrices, one a link", n, 3, 3),
-            sample("P", "m", "origins, one a link", n, 3),
-        ),
-        spec(
-            "jacobian",
-            "geometric Jacobian of the last link frame, base axes: linear rows, then angular",
-            (q,),
-            sample("J", "m, 1", "Jacobian", 6, n),
-        ),
-        spec("mass_matrix", "joint-space mass matrix, rotor inertias included", (q, b), matrix),
-        spec(
-            "coriolis_matrix",
-            "factor C of the Coriolis torque C dq for which dM/dt - 2 C is skew",
-            (q, dq, b),
-            sample("C", "kg m^2/s", "Coriolis matrix", n, n),
-        ),
-        spec("gravity", "gravity torque", (q, b), sample("g", "N m", "gravity torque")),
-        spec(
-            "bias", "Coriolis, centrifugal and gravity torque", (q, dq, b), sample("c", "N m", "bias torque")
-        ),
-        spec("inverse_dynamics", "torque that gives the acceleration ddq", (q, dq, ddq, b), tau),
-        spec(
-            "forward_dynamics",
-            "acceleration under the torque tau",
-            (q, dq, tau_in, b),
-            sample("ddq", "rad/s^2", "joint accelerations"),
-        ),
-        spec(
-            "inverse_dynamics_derivatives",
-            "derivatives of the inverse dynamics",
-            (q, dq, ddq, b),
-            sample("dtau_dq", "N m/rad", "by position", n, n),
-            sample("dtau_ddq", "N m s/rad", "by velocity", n, n),
-            sample("dtau_dddq", "kg m^2", "by acceleration: the mass matrix", n, n),
-        ),
-        spec(
-            "energy",
-            "kinetic and potential energy, up to the constant that base parameters cannot know",
-            (q, dq, b),
-            sample("T", "J", "kinetic energy", 1),
-            sample("V", "J", "potential energy", 1),
-        ),
-        spec(
-            "energy_regressor",
-            "kinetic and potential energy per base parameter",
-            (q, dq),
-            sample("hT", "mixed", "kinetic energy regressor", beta),
-            sample("hV", "mixed", "potential energy regressor", beta),
-        ),
-        spec(
-            "momentum_regressor",
-            "generalised momentum dT/ddq per base parameter",
-            (q, dq),
-            sample("Yp", "mixed", "momentum regressor", n, beta),
-        ),
-        spec(
-            "lagrange_regressor",
-            "dL/dq = dT/dq - dV/dq per base parameter",
-            (q, dq),
-            sample("YL", "mixed", "regressor of dL/dq", n, beta),
-        ),
-        spec(
-            "torque_regressor",
-            "joint torque per base parameter",
-            (q, dq, ddq),
-            sample("Y", "mixed", "torque regressor", n, beta),
-        ),
-        spec(
-            "slotine_li_regressor",
-            "M ddqr + C dqr + g per base parameter",
-            (q, dq, dqr, ddqr),
-            sample("Yr", "mixed", "Slotine-Li regressor", n, beta),
-        ),
-    )
-    joint = (
-        spec(
-            "friction",
-            "friction torque, positive against positive velocity",
-            (dq, f),
-            sample("tau_f", "N m", "friction torques"),
-        ),
-        spec(
-            "friction_regressor",
-            "friction torque per friction parameter",
-            (dq,),
-            sample("Yf", "mixed", "friction regressor", n, friction),
-        ),
-    )
-    # A function without outputs or without its parameters would be empty code.
-    return rigid + joint if friction else rigid
 
 
 def write_model_card(card: ModelCard) -> str:

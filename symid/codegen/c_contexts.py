@@ -1,0 +1,178 @@
+"""What the C templates are filled with; the fields of a context equal its template's variables."""
+
+from dataclasses import dataclass
+
+__all__ = [
+    "CMakeContext",
+    "ControlLoopContext",
+    "FunctionContext",
+    "HeaderContext",
+    "HeaderFunction",
+    "InfoContext",
+    "MakefileContext",
+    "PackageContext",
+    "ReadmeContext",
+    "SelfTest",
+    "SelfTestArray",
+    "SelfTestContext",
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeaderFunction:
+    """One function as the header declares it."""
+
+    name: str
+    meaning: str
+    parameters: tuple[str, ...]
+    operations: str
+    declaration: str
+    batch_declaration: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeaderContext:
+    """header.h.jinja."""
+
+    banner: str
+    prefix: str
+    macro: str
+    robot: str
+    joint_count: int
+    beta_count: int
+    friction_count: int
+    joint_lines: tuple[str, ...]
+    beta_lines: tuple[str, ...]
+    friction_lines: tuple[str, ...]
+    functions: tuple[HeaderFunction, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FunctionContext:
+    """function.c.jinja."""
+
+    banner: str
+    prefix: str
+    macro: str
+    name: str
+    includes: tuple[str, ...]
+    helpers: tuple[str, ...]
+    definition: str
+    batch_definition: str
+    null_test: str
+    statements: tuple[str, ...]
+    call: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InfoContext:
+    """info.c.jinja."""
+
+    banner: str
+    prefix: str
+    version: str
+    signature: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SelfTestArray:
+    """A table of numbers."""
+
+    name: str
+    size: str
+    lines: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SelfTest:
+    """The test of one function."""
+
+    name: str
+    arrays: tuple[SelfTestArray, ...]
+    outputs: tuple[str, ...]
+    call: str
+    batch_call: str
+    null_call: str
+    compare: tuple[str, ...]
+    batch_compare: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SelfTestContext:
+    """selftest.c.jinja."""
+
+    banner: str
+    prefix: str
+    real: str
+    tolerance: str
+    state_count: int
+    test_count: int
+    tests: tuple[SelfTest, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ControlLoopContext:
+    """control_loop.c.jinja."""
+
+    banner: str
+    prefix: str
+    real: str
+    scan: str
+    joint_count: int
+    parameter_count: int
+    known: int
+    parameter_lines: tuple[str, ...]
+    kp: str
+    kd: str
+    period: str
+    amplitude: str
+    frequency: str
+    zero: str
+    one: str
+    sine: str
+    cosine: str
+    control_declaration: str
+    feed_forward: tuple[str, ...]
+    plant_friction: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MakefileContext:
+    """Makefile.jinja."""
+
+    banner: str
+    prefix: str
+    objects: str
+    example_target: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CMakeContext:
+    """CMakeLists.txt.jinja."""
+
+    banner: str
+    prefix: str
+    cmake_version: str
+    sources: tuple[str, ...]
+    programs: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PackageContext:
+    """package.pc.in.jinja."""
+
+    prefix: str
+    robot: str
+    cmake_version: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadmeContext:
+    """README.md.jinja."""
+
+    prefix: str
+    robot: str
+    real: str
+    version: str
+    tolerance: str
+    rows: tuple[str, ...]

@@ -1,0 +1,210 @@
+"""A C99 library that stands alone: header, one file a function, self-test, example, build files.
+
+Input: CasADi functions with their model card. Output: `SourceSet`.
+
+Functions -> programs and reference values -> contexts -> templates -> sources.
+
+Supported: double and float; one sample and batches.
+Not supported: values baked in as constants (parameters are arguments).
+"""
+
+import re
+
+from symid import __version__
+from symid.codegen.c_checks import build_control_loop, build_self_test
+from symid.codegen.c_contexts import (
+    CMakeContext,
+    FunctionContext,
+    HeaderContext,
+    HeaderFunction,
+    InfoContext,
+    MakefileContext,
+    PackageContext,
+    ReadmeContext,
+)
+from symid.codegen.casadi_functions import Functions
+from symid.codegen.describe import BANNER, Material, prepare_material, write_manifest, write_operations
+from symid.codegen.functions import FunctionSpec, Port
+from symid.codegen.instructions import Operations, Program
+from symid.codegen.options import GenerateOptions
+from symid.codegen.printing import print_c
+from symid.codegen.templates import write_template
+from symid.codegen.writer import SourceSet
+
+__all__ = ["TOLERANCES", "generate_c_library"]
+
+TOLERANCES = {"double": "1e-10", "float": "1e-4"}
+
+# Comparisons with NaN are false: each helper lets a NaN through by its last branch.
+_HELPERS = {
+    "sign": "static {real} sign({real} x)\n"
+    "{{\n    return x > {zero} ? {one} : (x < {zero} ? -{one} : x);\n}}",
+    "less": "static {real} less({real} a, {real} b)\n"
+    "{{\n    return a < b ? {one} : (a >= b ? {zero} : a + b);\n}}",
+    "less_equal": "static {real} less_equal({real} a, {real} b)\n"
+    "{{\n    return a <= b ? {one} : (a > b ? {zero} : a + b);\n}}",
+    "is_zero": "static {real} is_zero({real} x)\n"
+    "{{\n    return x > {zero} || x < {zero} ? {zero} : (x == {zero} ? {one} : x);\n}}",
+    "select": "static {real} select({real} condition, {real} x)\n"
+    "{{\n    return condition > {zero} || condition < {zero} ? x : condition;\n}}",
+}
+
+
+def _find_macro(material: Material) -> str:
+    return material.prefix.upper()
+
+
+def _declare(spec: FunctionSpec, real: str, *, restrict: bool) -> str:
+    mark = "restrict " if restrict else ""
+    inputs = [f"const {real} {port.name}[{mark}{max(port.size, 1)}]" for port in spec.inputs]
+    return ", ".join(inputs + [f"{real} {port.name}[{mark}{max(port.size, 1)}]" for port in spec.outputs])
+
+
+def _declare_batch(spec: FunctionSpec, real: str, *, restrict: bool) -> str:
+    mark = "restrict " if restrict else ""
+
+    def declare(port: Port) -> str:
+        if port.shared:
+            return f"const {real} {port.name}[{mark}{max(port.size, 1)}]"
+        return f"const {real} *{mark}{port.name}"
+
+    outputs = [f"{real} *{mark}{port.name}" for port in spec.outputs]
+    return ", ".join(["size_t n", *map(declare, spec.inputs), *outputs])
+
+
+def _describe_port(port: Port, direction: str) -> str:
+    shape = " x ".join(map(str, port.shape))
+    note = "; one vector for all samples" if port.shared else ""
+    return f"[{direction}] {port.name} {port.meaning}: {shape}, {port.unit}{note}"
+
+
+def _describe_function(program: Program, count: Operations, real: str) -> HeaderFunction:
+    spec = program.spec
+    described = [_describe_port(port, "in") for port in spec.inputs]
+    return HeaderFunction(
+        name=spec.name,
+        meaning=spec.meaning,
+        parameters=tuple(described + [_describe_port(port, "out") for port in spec.outputs]),
+        operations=write_operations(count),
+        declaration=_declare(spec, real, restrict=False),
+        batch_declaration=_declare_batch(spec, real, restrict=False),
+    )
+
+
+def _write_header(material: Material) -> str:
+    card, real = material.card, material.options.precision
+    described = zip(material.programs, material.operations, strict=True)
+    context = HeaderContext(
+        banner=BANNER,
+        prefix=material.prefix,
+        macro=_find_macro(material),
+        robot=card.robot,
+        joint_count=card.size,
+        beta_count=len(card.beta),
+        friction_count=len(card.friction),
+        joint_lines=material.joint_lines,
+        beta_lines=material.beta_lines,
+        friction_lines=material.friction_lines,
+        functions=tuple(_describe_function(program, count, real) for program, count in described),
+    )
+    return write_template("c/header.h.jinja", context)
+
+
+def _write_helper(name: str, real: str) -> str:
+    suffix = "f" if real == "float" else ""
+    return _HELPERS[name].format(real=real, zero=f"0.0{suffix}", one=f"1.0{suffix}")
+
+
+def _write_function(material: Material, program: Program) -> str:
+    real, spec = material.options.precision, program.spec
+    body = print_c(program, real)
+    ports = (*spec.inputs, *spec.outputs)
+    helpers = tuple(_write_helper(name, real) for name in body.helpers)
+    uses_math = re.search(r"\b(sin|cos|tan|sqrt|exp|tanh|fabs)f?\(", "\n".join(body.statements))
+    context = FunctionContext(
+        banner=BANNER,
+        prefix=material.prefix,
+        macro=_find_macro(material),
+        name=spec.name,
+        includes=("", "#include <math.h>") if uses_math else (),
+        helpers=helpers,
+        definition=_declare(spec, real, restrict=True),
+        batch_definition=_declare_batch(spec, real, restrict=True),
+        null_test=" || ".join(f"{port.name} == NULL" for port in ports),
+        statements=body.statements,
+        call=", ".join(port.name if port.shared else f"{port.name} + {port.size} * k" for port in ports),
+    )
+    return write_template("c/function.c.jinja", context)
+
+
+def _write_sources(material: Material) -> list[tuple[str, str]]:
+    prefix = material.prefix
+    info = InfoContext(banner=BANNER, prefix=prefix, version=__version__, signature=material.card.signature)
+    files = [(f"{prefix}_info.c", write_template("c/info.c.jinja", info))]
+    written = ((program.spec.name, _write_function(material, program)) for program in material.programs)
+    return [*files, *((f"{prefix}_{name}.c", text) for name, text in written)]
+
+
+def _write_build_files(
+    material: Material, sources: tuple[str, ...], programs: tuple[str, ...]
+) -> list[tuple[str, str]]:
+    prefix = material.prefix
+    # CMake knows numbers alone: 1.2.3.dev4 is 1.2.3.
+    numbers = re.match(r"\d+(\.\d+)*", __version__)
+    version = numbers.group() if numbers else "0"
+    make = MakefileContext(
+        banner=BANNER,
+        prefix=prefix,
+        objects=" ".join(source.removesuffix(".c") + ".o" for source in sources),
+        example_target="".join(f" {program}" for program in programs[1:]),
+    )
+    cmake = CMakeContext(
+        banner=BANNER, prefix=prefix, cmake_version=version, sources=sources, programs=programs
+    )
+    package = PackageContext(prefix=prefix, robot=material.card.robot, cmake_version=version)
+    return [
+        ("Makefile", write_template("c/Makefile.jinja", make)),
+        ("CMakeLists.txt", write_template("c/CMakeLists.txt.jinja", cmake)),
+        (f"{prefix}.pc.in", write_template("c/package.pc.in.jinja", package)),
+    ]
+
+
+def _write_readme(material: Material, tolerance: str) -> str:
+    rows = (
+        f"{program.spec.name} | {count.mul} | {count.add} | {count.trig}"
+        for program, count in zip(material.programs, material.operations, strict=True)
+    )
+    context = ReadmeContext(
+        prefix=material.prefix,
+        robot=material.card.robot,
+        real=material.options.precision,
+        version=__version__,
+        tolerance=tolerance,
+        rows=tuple(rows),
+    )
+    return write_template("c/README.md.jinja", context)
+
+
+def generate_c_library(functions: Functions, options: GenerateOptions | None = None) -> SourceSet:
+    """Return the files of a C library that computes `functions`.
+
+    Raises:
+        GenerationError: a function holds an operation without a C form, or disagrees with itself.
+    """
+    material = prepare_material(functions, options or GenerateOptions())
+    tolerance = TOLERANCES[material.options.precision]
+    sources = _write_sources(material)
+    programs = [("selftest", write_template("c/selftest.c.jinja", build_self_test(material, tolerance)))]
+    example = build_control_loop(material)
+    if example is not None:
+        programs.append(("control_loop", write_template("c/control_loop.c.jinja", example)))
+    names = tuple(path for path, _ in sources)
+    files = [
+        (f"{material.prefix}.h", _write_header(material)),
+        *sources,
+        *((f"{name}.c", text) for name, text in programs),
+        *_write_build_files(material, names, tuple(name for name, _ in programs)),
+        ("README.md", _write_readme(material, tolerance)),
+    ]
+    manifest = write_manifest(material, "c", files)
+    return SourceSet(name=material.prefix, files=tuple(files), manifest=manifest)

@@ -1,0 +1,156 @@
+"""The catalogue of functions in one table: names, ordered inputs and outputs, shapes, units.
+
+Input: the sizes of a robot. Output: `FunctionSpec` records, in the order of the table.
+
+Supported: rigid robots with friction. Units are written for revolute joints; of a prismatic one read m for
+rad and N for N m.
+"""
+
+from symid.codegen.functions import FunctionSpec, Port
+
+__all__ = ["find_specs"]
+
+# Name: shape in letters (n joints, b base parameters, p friction parameters), unit, meaning.
+_INPUTS = {
+    "q": ("n", "rad", "joint coordinates"),
+    "dq": ("n", "rad/s", "joint velocities"),
+    "ddq": ("n", "rad/s^2", "joint accelerations"),
+    "dqr": ("n", "rad/s", "reference velocities"),
+    "ddqr": ("n", "rad/s^2", "reference accelerations"),
+    "tau": ("n", "N m", "joint torques without friction"),
+    "beta": ("b", "mixed", "base inertial parameters"),
+    "f": ("p", "mixed", "friction parameters"),
+}
+_SHARED = ("beta", "f")
+
+# Name, inputs, outputs as for the inputs, meaning.
+_RIGID = (
+    (
+        "forward_kinematics",
+        "q",
+        (("R", "n33", "1", "rotation matrices, one a link"), ("P", "n3", "m", "origins, one a link")),
+        "pose of every link frame in the base frame",
+    ),
+    (
+        "jacobian",
+        "q",
+        (("J", "6n", "m, 1", "Jacobian"),),
+        "geometric Jacobian of the last link frame, base axes: linear rows, then angular",
+    ),
+    (
+        "mass_matrix",
+        "q beta",
+        (("M", "nn", "kg m^2", "mass matrix"),),
+        "joint-space mass matrix, rotor inertias included",
+    ),
+    (
+        "coriolis_matrix",
+        "q dq beta",
+        (("C", "nn", "kg m^2/s", "Coriolis matrix"),),
+        "factor C of the Coriolis torque C dq for which dM/dt - 2 C is skew",
+    ),
+    ("gravity", "q beta", (("g", "n", "N m", "gravity torque"),), "gravity torque"),
+    (
+        "bias",
+        "q dq beta",
+        (("c", "n", "N m", "bias torque"),),
+        "Coriolis, centrifugal and gravity torque",
+    ),
+    (
+        "inverse_dynamics",
+        "q dq ddq beta",
+        (("tau", "n", "N m", "joint torques without friction"),),
+        "torque that gives the acceleration ddq",
+    ),
+    (
+        "forward_dynamics",
+        "q dq tau beta",
+        (("ddq", "n", "rad/s^2", "joint accelerations"),),
+        "acceleration under the torque tau",
+    ),
+    (
+        "inverse_dynamics_derivatives",
+        "q dq ddq beta",
+        (
+            ("dtau_dq", "nn", "N m/rad", "by position"),
+            ("dtau_ddq", "nn", "N m s/rad", "by velocity"),
+            ("dtau_dddq", "nn", "kg m^2", "by acceleration: the mass matrix"),
+        ),
+        "derivatives of the inverse dynamics",
+    ),
+    (
+        "energy",
+        "q dq beta",
+        (("T", "1", "J", "kinetic energy"), ("V", "1", "J", "potential energy")),
+        "kinetic and potential energy, up to the constant that base parameters cannot know",
+    ),
+    (
+        "energy_regressor",
+        "q dq",
+        (
+            ("hT", "b", "mixed", "kinetic energy regressor"),
+            ("hV", "b", "mixed", "potential energy regressor"),
+        ),
+        "kinetic and potential energy per base parameter",
+    ),
+    (
+        "momentum_regressor",
+        "q dq",
+        (("Yp", "nb", "mixed", "momentum regressor"),),
+        "generalised momentum dT/ddq per base parameter",
+    ),
+    (
+        "lagrange_regressor",
+        "q dq",
+        (("YL", "nb", "mixed", "regressor of dL/dq"),),
+        "dL/dq = dT/dq - dV/dq per base parameter",
+    ),
+    (
+        "torque_regressor",
+        "q dq ddq",
+        (("Y", "nb", "mixed", "torque regressor"),),
+        "joint torque per base parameter",
+    ),
+    (
+        "slotine_li_regressor",
+        "q dq dqr ddqr",
+        (("Yr", "nb", "mixed", "Slotine-Li regressor"),),
+        "M ddqr + C dqr + g per base parameter",
+    ),
+)
+_FRICTION = (
+    (
+        "friction",
+        "dq f",
+        (("tau_f", "n", "N m", "friction torques"),),
+        "friction torque, positive against positive velocity",
+    ),
+    (
+        "friction_regressor",
+        "dq",
+        (("Yf", "np", "mixed", "friction regressor"),),
+        "friction torque per friction parameter",
+    ),
+)
+
+
+def find_specs(joints: int, beta: int, friction: int) -> tuple[FunctionSpec, ...]:
+    """Return the catalogue for a robot with so many joints, base and friction parameters.
+
+    Without friction parameters the friction functions are left out: they would be empty code.
+    """
+    sizes = {"n": joints, "b": beta, "p": friction}
+
+    def find_port(name: str, letters: str, unit: str, meaning: str, *, shared: bool = False) -> Port:
+        shape = tuple(sizes[letter] if letter in sizes else int(letter) for letter in letters)
+        return Port(name=name, shape=shape, unit=unit, meaning=meaning, shared=shared)
+
+    return tuple(
+        FunctionSpec(
+            name=name,
+            inputs=tuple(find_port(key, *_INPUTS[key], shared=key in _SHARED) for key in inputs.split()),
+            outputs=tuple(find_port(*output) for output in outputs),
+            meaning=meaning,
+        )
+        for name, inputs, outputs, meaning in (_RIGID + _FRICTION if friction else _RIGID)
+    )

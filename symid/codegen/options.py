@@ -1,0 +1,36 @@
+"""What can be chosen about generated sources."""
+
+from dataclasses import dataclass
+
+from symid.errors import Notice, UsageError
+
+__all__ = ["GenerateOptions"]
+
+_PRECISIONS = ("double", "float")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GenerateOptions:
+    """Choices for generated code.
+
+    Args:
+        precision: "double" or "float", the type of every number in the C library.
+        states: how many random states the self-test evaluates.
+        seed: of the generator that draws them.
+
+    Raises:
+        UsageError: a value that is not offered.
+    """
+
+    precision: str = "double"
+    states: int = 3
+    seed: int = 1
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        if self.precision not in _PRECISIONS:
+            text = f"precision: expected one of {', '.join(_PRECISIONS)}, got {self.precision!r}"
+            raise UsageError(Notice(code="usage.precision", text=text))
+        if self.states < 1:
+            text = f"states: expected at least one, got {self.states}"
+            raise UsageError(Notice(code="usage.states", text=text))

@@ -1,0 +1,145 @@
+"""Programs as text: one statement an instruction, in C and in NumPy.
+
+Input: `Program`. Output: statements and the names of the helpers they need.
+
+Supported: double and float C99; NumPy over whole batches, with names used again as soon as
+their value is no longer needed, so that a batch holds no more arrays than it must.
+"""
+
+import heapq
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from symid.codegen.functions import Port
+from symid.codegen.instructions import Instruction, Op, Program
+
+__all__ = ["Body", "find_literal", "print_c", "print_python"]
+
+_INFIX = {Op.ADD: "+", Op.SUB: "-", Op.MUL: "*", Op.DIV: "/"}
+_HELPERS = (Op.SIGN, Op.LESS, Op.LESS_EQUAL, Op.IS_ZERO, Op.SELECT)
+_C_FUNCTIONS = {
+    Op.SIN: "sin",
+    Op.COS: "cos",
+    Op.TAN: "tan",
+    Op.SQRT: "sqrt",
+    Op.EXP: "exp",
+    Op.TANH: "tanh",
+    Op.ABS: "fabs",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Body:
+    """The statements of one function and the names of the helpers that it calls, sorted."""
+
+    statements: tuple[str, ...]
+    helpers: tuple[str, ...]
+
+
+def find_literal(value: float, precision: str = "double") -> str:
+    """Return a C or Python literal that reads back as exactly `value` (nearest float for "float")."""
+    if precision == "float":
+        text = np.format_float_scientific(np.float32(value), unique=True, trim="0")
+        short = repr(float(text))
+        return f"{short}f" if np.float32(short) == np.float32(value) else f"{text}f"
+    return repr(float(value))
+
+
+def _find_helpers(program: Program) -> tuple[str, ...]:
+    used = {instruction.op for instruction in program.instructions}
+    return tuple(sorted(op.value for op in _HELPERS if op in used))
+
+
+def _write(instruction: Instruction, read: Callable[[int], str], call: Callable[[Op], str]) -> str:
+    if instruction.op in _INFIX:
+        left, right = map(read, instruction.args)
+        return f"{left} {_INFIX[instruction.op]} {right}"
+    return f"{call(instruction.op)}({', '.join(map(read, instruction.args))})"
+
+
+def print_c(program: Program, precision: str) -> Body:
+    """Return the body of a C function; inputs and outputs are arrays with the ports' names."""
+    single = precision == "float"
+    names = [""]
+    statements = []
+
+    def read(ref: int) -> str:
+        return names[ref] if ref > 0 else f"-{names[-ref]}"
+
+    def call(op: Op) -> str:
+        return _C_FUNCTIONS[op] + ("f" if single else "") if op in _C_FUNCTIONS else op.value
+
+    for number, instruction in enumerate(program.instructions, start=1):
+        if instruction.op is Op.INPUT:
+            port, element = instruction.args
+            names.append(f"{program.spec.inputs[port].name}[{element}]")
+        elif instruction.op is Op.CONSTANT:
+            names.append(find_literal(instruction.constant, precision))
+        else:
+            statements.append(f"const {precision} t{number} = {_write(instruction, read, call)};")
+            names.append(f"t{number}")
+    for port_out, refs in zip(program.spec.outputs, program.outputs, strict=True):
+        statements += [f"{port_out.name}[{i}] = {read(ref)};" for i, ref in enumerate(refs)]
+    return Body(statements=tuple(statements), helpers=_find_helpers(program))
+
+
+def _index(port: Port, element: int) -> str:
+    places = []
+    for extent in reversed(port.shape):
+        element, place = divmod(element, extent)
+        places.append(str(place))
+    return ", ".join(["...", *reversed(places)])
+
+
+def _find_last_uses(program: Program) -> list[int]:
+    last = [0] * (len(program.instructions) + 1)
+    for number, instruction in enumerate(program.instructions, start=1):
+        if instruction.op is not Op.INPUT:
+            for ref in instruction.args:
+                last[abs(ref)] = number
+    for refs in program.outputs:
+        for ref in refs:
+            last[abs(ref)] = len(program.instructions) + 1
+    return last
+
+
+def print_python(program: Program) -> Body:
+    """Return the body of a NumPy function; elements are the last axes, samples the axes before."""
+    last = _find_last_uses(program)
+    names = [""]
+    statements = []
+    free: list[int] = []
+    registers: dict[int, int] = {}
+    count = 0
+
+    def read(ref: int) -> str:
+        return names[ref] if ref > 0 else f"-{names[-ref]}"
+
+    def call(op: Op) -> str:
+        return f"_{op.value}" if op in _HELPERS else f"np.{op.value}"
+
+    for number, instruction in enumerate(program.instructions, start=1):
+        if instruction.op is Op.CONSTANT:
+            names.append(find_literal(instruction.constant))
+            continue
+        if instruction.op is Op.INPUT:
+            source, element = instruction.args
+            port = program.spec.inputs[source]
+            text = f"{port.name}[{_index(port, element)}]"
+        else:
+            text = _write(instruction, read, call)
+            for number_read in sorted({abs(ref) for ref in instruction.args}):
+                if last[number_read] == number and number_read in registers:
+                    heapq.heappush(free, registers.pop(number_read))
+        if not free:
+            count += 1
+            heapq.heappush(free, count)
+        register = heapq.heappop(free)
+        registers[number] = register
+        names.append(f"t{register}")
+        statements.append(f"t{register} = {text}")
+    for port, refs in zip(program.spec.outputs, program.outputs, strict=True):
+        statements += [f"{port.name}[{_index(port, i)}] = {read(ref)}" for i, ref in enumerate(refs)]
+    return Body(statements=tuple(statements), helpers=_find_helpers(program))
