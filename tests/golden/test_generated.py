@@ -1,0 +1,60 @@
+"""The committed samples are what the generator gives now, byte for byte, and nothing else.
+
+After a change on purpose: `python generated/regenerate.py`, and read the difference.
+"""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from symid.codegen.c_library import generate_c_library
+from symid.codegen.casadi_functions import build_functions
+from symid.codegen.python_module import generate_python_module
+from symid.codegen.writer import MANIFEST
+from symid.robot.toml import read_robot
+
+ROBOTS = ("two_link", "emps")
+GENERATORS = {"c": generate_c_library, "python": generate_python_module}
+# What building inside the folder leaves behind is not compared.
+BUILT = (".o", ".a", ".so", ".pyc")
+
+
+@pytest.mark.parametrize("target", sorted(GENERATORS))
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_committed_sample_equals_what_is_generated(project, robot, target):
+    functions = build_functions(read_robot(project / "robots" / f"{robot}.toml"))
+    sources = GENERATORS[target](functions)
+    folder = project / "generated" / robot / target
+    wanted = {path: text.encode() for path, text in (*sources.files, (MANIFEST, sources.manifest))}
+    found = {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file() and path.suffix not in BUILT and path.name not in {"selftest", "control_loop"}
+    }
+    assert sorted(wanted.keys() - found.keys()) == [], "missing; run generated/regenerate.py"
+    assert sorted(found.keys() - wanted.keys()) == [], "extra; run generated/regenerate.py"
+    different = sorted(path for path, content in wanted.items() if found[path] != content)
+    assert different == [], "run generated/regenerate.py and read the difference"
+
+
+SCRIPT = """
+import hashlib, sys
+from pathlib import Path
+from symid.codegen.c_library import generate_c_library
+from symid.codegen.casadi_functions import build_functions
+from symid.robot.toml import read_robot
+sources = generate_c_library(build_functions(read_robot(Path(sys.argv[1]))))
+print(hashlib.sha256(repr(sources).encode()).hexdigest())
+"""
+
+
+def test_bytes_do_not_depend_on_the_hash_seed(project):
+    digests = set()
+    for seed in ("0", "1", "4242"):
+        environment = {**os.environ, "PYTHONHASHSEED": seed, "PYTHONPATH": str(project)}
+        command = [sys.executable, "-c", SCRIPT, str(project / "robots" / "two_link.toml")]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+        digests.add(done.stdout)
+    assert len(digests) == 1

@@ -1,0 +1,114 @@
+"""Programs read from CasADi, against CasADi's own evaluation."""
+
+import casadi as ca
+import pytest
+
+from symid.codegen.functions import FunctionSpec, ModelCard, Port
+from symid.codegen.instructions import Op, Operations, count_operations
+from symid.codegen.options import GenerateOptions
+from symid.codegen.program import build_program
+from symid.codegen.reference import build_references
+from symid.codegen.values import ValueTable
+from symid.errors import GenerationError
+
+
+def port(name, *shape):
+    return Port(name=name, shape=shape, unit="1", meaning="number")
+
+
+def build(expression, *, size=3, shape=None):
+    x = ca.SX.sym("x", size)
+    y = ca.densify(ca.vertcat(*expression(x))) if shape is None else expression(x)
+    spec = FunctionSpec(
+        name="f", inputs=(port("x", size),), outputs=(port("y", *(shape or (y.numel(),))),), meaning="test"
+    )
+    return build_program(ca.Function("f", [x], [y], ["x"], ["y"]), spec)
+
+
+def ops(program):
+    return [instruction.op for instruction in program.instructions if instruction.op is not Op.INPUT]
+
+
+def test_counts_follow_the_rule():
+    program = build(lambda x: [x[0] ** 2 + x[1] / x[2], x[0] + x[0], -x[1], ca.sin(x[0]), ca.cos(x[0])])
+    assert count_operations(program) == Operations(mul=2, add=2, trig=2)
+
+
+def test_negation_costs_nothing_and_is_pushed_through():
+    program = build(lambda x: [-(x[0] * -x[1]), ca.sin(-x[0]), ca.cos(-x[0]), -x[0] - x[1]])
+    assert ops(program) == [Op.MUL, Op.SIN, Op.COS, Op.ADD]
+    assert [ref > 0 for ref in program.outputs[0]] == [True, False, True, False]
+
+
+def test_equal_expressions_are_computed_once():
+    program = build(lambda x: [x[0] * x[1], x[1] * x[0], x[0] - x[1], x[1] - x[0]])
+    assert ops(program) == [Op.MUL, Op.SUB]
+    a, b, c, d = program.outputs[0]
+    assert (a, c) == (b, -d)
+
+
+def test_what_no_output_needs_is_left_out():
+    table = ValueTable()
+    x = table.input(0, 0)
+    table.apply(Op.SIN, x)
+    instructions, outputs = table.collect([[-table.apply(Op.COS, x)]])
+    assert [instruction.op for instruction in instructions] == [Op.INPUT, Op.COS]
+    assert outputs == ((-2,),)
+
+
+def test_zero_and_one_never_reach_the_code():
+    table = ValueTable()
+    x = table.input(0, 0)
+    one, zero, two = (table.constant(value) for value in (1.0, 0.0, 2.0))
+    assert table.mul(one, x) == x
+    assert table.mul(table.constant(-1.0), x) == -x
+    assert table.add(x, zero) == x
+    assert table.mul(zero, x) == zero
+    assert table.add(x, -x) == zero
+    assert table.mul(two, x) == table.add(x, x)
+    assert table.div(x, one) == x
+    assert table.div(x, two) == table.mul(x, table.constant(0.5))
+
+
+def test_matrices_are_read_by_rows():
+    program = build(lambda x: ca.reshape(x, 2, 3), size=6, shape=(2, 3))
+    elements = [program.instructions[ref - 1].args[1] for ref in program.outputs[0]]
+    assert elements == [0, 2, 4, 1, 3, 5]
+
+
+def test_an_unknown_operation_is_refused_by_name():
+    with pytest.raises(GenerationError, match="OP_ERF has no rule") as caught:
+        build(lambda x: [ca.erf(x[0])])
+    assert caught.value.notices[0].code == "codegen.unknown-operation"
+
+
+def test_a_wrong_shape_is_refused():
+    with pytest.raises(GenerationError, match=r"port 'y' has 3 x 1 elements") as caught:
+        build(lambda x: x, shape=(2, 2))
+    assert caught.value.notices[0].code == "codegen.wrong-shape"
+
+
+def test_wrong_names_are_refused():
+    x = ca.SX.sym("x")
+    spec = FunctionSpec(name="f", inputs=(port("z", 1),), outputs=(port("y", 1),), meaning="test")
+    with pytest.raises(GenerationError, match="the catalogue says") as caught:
+        build_program(ca.Function("f", [x], [x], ["x"], ["y"]), spec)
+    assert caught.value.notices[0].code == "codegen.wrong-ports"
+
+
+def test_mx_functions_are_refused():
+    x = ca.MX.sym("x")
+    spec = FunctionSpec(name="f", inputs=(port("x", 1),), outputs=(port("y", 1),), meaning="test")
+    with pytest.raises(GenerationError, match="only SX functions") as caught:
+        build_program(ca.Function("f", [x], [x], ["x"], ["y"]), spec)
+    assert caught.value.notices[0].code == "codegen.not-scalar"
+
+
+def test_a_program_that_disagrees_with_casadi_is_refused():
+    program = build(lambda x: [x[0] * x[1], x[1], x[2]])
+    x = ca.SX.sym("x", 3)
+    other = ca.Function("f", [x], [ca.vertcat(x[0] * x[1], x[1], -x[2])], ["x"], ["y"])
+    card = ModelCard(robot="r", signature="", joints=(), beta=(), friction=(), functions=(program.spec,))
+    with pytest.raises(GenerationError, match="output 'y': the program and CasADi differ") as caught:
+        build_references(card, [other], [program], GenerateOptions())
+    assert caught.value.notices[0].code == "codegen.disagrees"
