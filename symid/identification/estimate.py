@@ -25,13 +25,17 @@ class Outcome(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterEstimate:
-    """One identified parameter in SI units; `truth` where the robot file states it."""
+    """One identified parameter in SI units; `truth` where the robot file states it.
+
+    `expression` says what standard parameters it groups, `reason` why.
+    """
 
     name: str
     value: float
     std: float
     unit: str
     expression: str = ""
+    reason: str = ""
     truth: float | None = None
 
     @property
@@ -56,7 +60,7 @@ class Residual:
     unit: str
 
 
-def find_mean_relative(residual: tuple[Residual, ...]) -> float:
+def _find_mean_relative(residual: tuple[Residual, ...]) -> float:
     """Return the plain mean over joints of the relative residuals, in percent."""
     return sum(entry.relative_percent for entry in residual) / len(residual)
 
@@ -102,7 +106,7 @@ class Estimate:
     @property
     def mean_relative_percent(self) -> float:
         """Return the mean over joints of the relative residuals, in percent."""
-        return find_mean_relative(self.residual)
+        return _find_mean_relative(self.residual)
 
     def assemble(self, names: tuple[str, ...]) -> FloatArray:
         """Return the parameters in the order of `names`, zero where nothing is known: (p,)."""
@@ -149,4 +153,4 @@ class Validation:
     @property
     def mean_relative_percent(self) -> float:
         """Return the mean over joints of the relative residuals, in percent."""
-        return find_mean_relative(self.residual)
+        return _find_mean_relative(self.residual)

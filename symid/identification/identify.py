@@ -1,0 +1,147 @@
+"""Identification: recordings to parameters with their uncertainty.
+
+Input: a library of generated robot functions, recordings, settings. Output: `Estimate`.
+
+    Recording -> Signals -> Rows -> Identifiability -> Fit -> Estimate
+
+Supported: several recordings at once; torque, momentum and energy rows; OLS and WLS.
+Not supported: recordings with delays or zero offsets of their own.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+
+import numpy as np
+
+from symid.codegen.functions import ParameterCard
+from symid.codegen.library import Library
+from symid.data.recording import Recording
+from symid.errors import Notice, UsageError
+from symid.identification.estimate import Estimate, Outcome, ParameterEstimate
+from symid.identification.identifiability import Identifiability, RankRule, find_identifiability
+from symid.identification.preparation import prepare_rows
+from symid.identification.regression import ESTIMATORS, Fit
+from symid.identification.rows import ROW_KINDS, WINDOW, Rows, stack_rows
+from symid.identification.statistics import find_residuals
+from symid.robot.description import Processing
+
+__all__ = ["identify_parameters"]
+
+_VAGUE_PERCENT = 30.0
+
+
+def identify_parameters(
+    library: Library,
+    recordings: Sequence[Recording],
+    processing: Processing,
+    *,
+    rows: str = "torque",
+    estimator: str = "ols",
+    window: float = WINDOW,
+    rule: RankRule | None = None,
+    echo: Mapping[str, object] | None = None,
+) -> Estimate:
+    """Return the parameters of the library's model that explain the recordings best.
+
+    Args:
+        library: the robot's functions; its model card names the parameters.
+        recordings: at least one, all of the same robot.
+        processing: filter, cut ends and decimation, the same for all of them.
+        rows: one of `ROW_KINDS`.
+        estimator: one of `ESTIMATORS`.
+        window: length of the windows of momentum and energy rows in s.
+        rule: when a parameter counts as not seen.
+        echo: further settings to keep with the result, such as the log's columns.
+
+    Raises:
+        UsageError: there is no such kind of rows or estimator, or no recording.
+        LogError: a recording does not fit the robot.
+        IdentifiabilityError: nothing can be learnt.
+    """
+    _check_call(recordings, rows, estimator)
+    parts = [prepare_rows(rows, library, recording, processing, window=window) for recording in recordings]
+    stacked = stack_rows(parts)
+    seen = find_identifiability(stacked, rule)
+    fit = ESTIMATORS[estimator](stacked, seen, spent=1 if processing.noise_freedom == "one" else None)
+    parameters = _list_parameters(library.card.beta + library.card.friction, fit, seen)
+    window_used = {} if rows == "torque" else {"window": window}
+    return Estimate(
+        robot=library.card.robot,
+        signature=library.card.signature,
+        rows=rows,
+        estimator=estimator,
+        friction=tuple(joint.friction for joint in library.card.joints),
+        parameters=parameters,
+        residual=find_residuals(stacked, fit.residuals, fit.spent),
+        condition=fit.condition,
+        outcome=Outcome.SOME_REFUSED if seen.refused else Outcome.SOLVED,
+        samples=len(stacked.values),
+        sources=tuple(recording.source for recording in recordings),
+        settings=_echo({**(echo or {}), "processing": asdict(processing), **window_used}),
+        refused=seen.refused,
+        unresolved=_list_unresolved(stacked, fit, seen),
+        covariance=_cut_covariance(fit, seen),
+        notices=stacked.notices + seen.notices + _warn_of_vague(parameters),
+    )
+
+
+def _echo(settings: Mapping[str, object]) -> Mapping[str, object]:
+    """Return the settings as JSON would give them back, so that a stored result equals its origin."""
+    plain: dict[str, object] = json.loads(json.dumps(settings))
+    return plain
+
+
+def _check_call(recordings: Sequence[Recording], rows: str, estimator: str) -> None:
+    problems = []
+    if rows not in ROW_KINDS:
+        text = f"rows {rows!r}: there is no such kind; allowed are {', '.join(ROW_KINDS)}"
+        problems.append(Notice(code="usage.unknown-rows", text=text))
+    if estimator not in ESTIMATORS:
+        text = f"estimator {estimator!r}: there is no such estimator; allowed are {', '.join(ESTIMATORS)}"
+        problems.append(Notice(code="usage.unknown-estimator", text=text))
+    if not recordings:
+        problems.append(Notice(code="usage.no-log", text="no log was given: name at least one"))
+    if problems:
+        raise UsageError(*problems)
+
+
+def _list_parameters(
+    cards: tuple[ParameterCard, ...], fit: Fit, seen: Identifiability
+) -> tuple[ParameterEstimate, ...]:
+    deviations = np.sqrt(np.diag(fit.covariance))
+    return tuple(
+        ParameterEstimate(
+            name=card.name,
+            value=float(fit.values[index]),
+            std=float(deviations[index]),
+            unit=card.unit,
+            expression=card.expression,
+            reason=card.reason,
+            truth=card.value,
+        )
+        for index, card in enumerate(cards)
+        if seen.learnable[index]
+    )
+
+
+def _list_unresolved(rows: Rows, fit: Fit, seen: Identifiability) -> tuple[tuple[str, float], ...]:
+    """Return the values of refused parameters that act together with others, not of those without effect."""
+    acting = seen.basis.any(axis=1) & ~seen.learnable
+    return tuple((rows.names[k], float(fit.values[k])) for k in np.flatnonzero(acting))
+
+
+def _cut_covariance(fit: Fit, seen: Identifiability) -> tuple[tuple[float, ...], ...]:
+    kept = fit.covariance[np.ix_(seen.learnable, seen.learnable)]
+    return tuple(tuple(map(float, row)) for row in kept)
+
+
+def _warn_of_vague(parameters: tuple[ParameterEstimate, ...]) -> tuple[Notice, ...]:
+    vague = [entry.name for entry in parameters if entry.relative_std_percent > _VAGUE_PERCENT]
+    if not vague:
+        return ()
+    text = (
+        f"known to no better than {_VAGUE_PERCENT:g} % (one standard deviation): {', '.join(vague)}; "
+        "they matter little in this log, or a motion that excites them is missing"
+    )
+    return (Notice(code="identify.vague", text=text),)

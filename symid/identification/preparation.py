@@ -1,0 +1,65 @@
+"""From a recording to rows: the steps that identification and validation share.
+
+Input: a library, a recording and its processing. Output: `Rows`, with notices of what was left out.
+
+Supported: joints at rest; their rows are left out where dry friction or a brake may hold them.
+"""
+
+from dataclasses import replace
+
+from symid.codegen.library import Library
+from symid.data.recording import Recording
+from symid.data.signals import prepare_signals
+from symid.errors import IdentifiabilityError, LogError, Notice
+from symid.identification.identifiability import find_resting_joints, settle_joints
+from symid.identification.rows import Rows, build_rows, drop_groups
+from symid.robot.description import Processing
+
+__all__ = ["prepare_rows"]
+
+
+def prepare_rows(
+    kind: str, library: Library, recording: Recording, processing: Processing, *, window: float
+) -> Rows:
+    """Return the equations of one recording: filter, differentiate, settle resting joints, build.
+
+    Raises:
+        LogError: the recording has another number of joints than the robot.
+        IdentifiabilityError: no joint moves.
+        UsageError: there is no such kind of rows, or the windows do not fit.
+    """
+    _check_joints(library, recording)
+    resting = find_resting_joints(recording)
+    if len(resting) == library.card.size:
+        raise IdentifiabilityError(_say_standstill(recording))
+    signals = settle_joints(prepare_signals(recording, processing), resting)
+    rows = build_rows(kind, library, signals, processing, window=window)
+    if kind == "energy":
+        return rows
+    joints = library.card.joints
+    held = tuple(joint for joint in resting if joints[joint].friction != "none")
+    notices = tuple(_say_resting(joints[joint].name, recording) for joint in held)
+    return replace(drop_groups(rows, held), notices=rows.notices + notices) if held else rows
+
+
+def _check_joints(library: Library, recording: Recording) -> None:
+    found, expected = recording.position.shape[1], library.card.size
+    if found != expected:
+        text = f"the log has {found} joints, the robot {library.card.robot!r} has {expected}"
+        raise LogError(Notice(code="log.joints", text=text, file=recording.source))
+
+
+def _say_standstill(recording: Recording) -> Notice:
+    text = (
+        "no joint moves in this log beyond the noise of its encoder: nothing can be learnt from a "
+        "log at standstill; record one in which every joint accelerates and turns both ways"
+    )
+    return Notice(code="identify.standstill", text=text, file=recording.source)
+
+
+def _say_resting(joint: str, recording: Recording) -> Notice:
+    text = (
+        f"joint {joint!r} does not move in this log: dry friction or a brake may hold any torque, "
+        "so its rows were left out"
+    )
+    return Notice(code="identify.joint-at-rest", text=text, file=recording.source)

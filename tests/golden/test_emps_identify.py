@@ -1,0 +1,57 @@
+"""EMPS, the published identification of a real servo axis, digit by digit.
+
+Numbers: Janot, Gautier, Brunot, Data set and reference models of EMPS, 2019.
+"""
+
+from dataclasses import replace
+
+import pytest
+
+from symid.codegen.cache import prepare_library
+from symid.data.readers import read_recording
+from symid.identification.identify import identify_parameters
+from symid.identification.validate import validate_estimate
+from symid.robot.overrides import override_robot
+from symid.robot.toml import read_robot
+
+SYMMETRIC = {"M": "95.1089", "Fv": "203.5034", "Fc": "20.3935", "offset": "-3.1648"}
+DEVIATIONS = {"M": "0.1085", "Fv": "1.1460", "Fc": "0.1012", "offset": "0.0444"}
+ASYMMETRIC = {"M": "95.1540", "Fvp": "166.7061", "Fcp": "20.1440", "Fvn": "240.4236", "Fcn": "20.6277"}
+
+
+@pytest.fixture(scope="module")
+def identify(shared_data, robots_folder):
+    def run(friction=None):
+        robot = override_robot(read_robot(robots_folder / "emps.toml"), (), friction)
+        library = prepare_library(robot)
+        fitted = read_recording(shared_data / "emps" / "DATA_EMPS.mat", robot)
+        unseen = read_recording(shared_data / "emps" / "DATA_EMPS_PULSES.mat", robot)
+        # The publication divides by m - 1 where this project, unless told, divides by m - p.
+        processing = replace(robot.processing, noise_freedom="one")
+        estimate = identify_parameters(library, [fitted], processing)
+        return estimate, validate_estimate(estimate, library, unseen, processing)
+
+    return run
+
+
+def write(values):
+    return {name.rstrip("0123456789").replace("R", ""): f"{value:.4f}" for name, value in values}
+
+
+def test_symmetric_friction_meets_every_published_digit(identify):
+    estimate, validation = identify()
+    assert write((p.name, p.value) for p in estimate.parameters) == SYMMETRIC
+    assert write((p.name, p.std) for p in estimate.parameters) == DEVIATIONS
+    assert f"{estimate.residual[0].norm:.4f}" == "108.7569"
+    assert f"{estimate.mean_relative_percent:.4f}" == "4.0834"
+    assert estimate.samples == 2480
+    assert f"{validation.residual[0].norm:.4f}" == "169.4876"
+    assert f"{validation.mean_relative_percent:.4f}" == "5.9824"
+
+
+def test_asymmetric_friction_meets_every_published_digit(identify):
+    estimate, validation = identify("asymmetric")
+    assert write((p.name, p.value) for p in estimate.parameters) == ASYMMETRIC
+    assert f"{estimate.mean_relative_percent:.4f}" == "3.1117"
+    assert f"{validation.residual[0].norm:.4f}" == "151.9933"
+    assert f"{validation.mean_relative_percent:.4f}" == "5.3649"

@@ -1,0 +1,151 @@
+"""Parameters come back from data made with them: exactly without noise, within their std with it."""
+
+import numpy as np
+import pytest
+
+from symid.identification.identifiability import find_identifiability
+from symid.identification.identify import identify_parameters
+from symid.identification.regression import fit_ols, fit_wls
+from symid.identification.rows import ROW_KINDS, build_rows, stack_rows
+from symid.robot.description import Decimation, Processing
+from tests.recovery.closed_form import (
+    ONE_AXIS_TRUTH,
+    TWO_LINK_TRUTH,
+    build_one_axis,
+    build_recording,
+    build_signals,
+    build_two_link,
+)
+
+ROBOTS = {"one_axis": (build_one_axis, ONE_AXIS_TRUTH), "two_link": (build_two_link, TWO_LINK_TRUTH)}
+PLAIN = Processing()
+
+
+def fit(rows, estimator=fit_ols):
+    return estimator(rows, find_identifiability(rows))
+
+
+@pytest.mark.parametrize("estimator", [fit_ols, fit_wls])
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("kind", ROW_KINDS)
+def test_exact_states_give_the_true_parameters(kind, robot, estimator):
+    build, truth = ROBOTS[robot]
+    library = build()
+    signals = build_signals(library, truth, samples=20001)
+    found = fit(build_rows(kind, library, signals, PLAIN), estimator).values
+    np.testing.assert_allclose(found, truth, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ROW_KINDS)
+def test_noise_keeps_the_estimate_within_four_standard_deviations(kind):
+    library = build_two_link()
+    signals = build_signals(library, TWO_LINK_TRUTH, samples=20001, noise=(0.5, 0.2))
+    result = fit(build_rows(kind, library, signals, PLAIN))
+    deviation = np.sqrt(np.diag(result.covariance))
+    assert np.all(np.abs(result.values - TWO_LINK_TRUTH) < 4 * deviation)
+    # The noise must be seen: an estimate that is exact by accident would pass the line above.
+    assert np.all(np.abs(result.values - TWO_LINK_TRUTH) > 1e-9)
+
+
+@pytest.mark.parametrize("kind", ROW_KINDS)
+def test_standard_deviations_cover_the_truth_as_often_as_they_say(kind):
+    library = build_two_link()
+    clean = build_signals(library, TWO_LINK_TRUTH, samples=4001, period=5e-3)
+    rng = np.random.default_rng(42)
+    hits = np.zeros(2)
+    runs = 200
+    rows = build_rows(kind, library, clean, PLAIN)
+    seen = find_identifiability(rows)
+    for _ in range(runs):
+        noisy = clean.tau + rng.normal(0.0, 0.3, clean.tau.shape)
+        signals = type(clean)(
+            time=clean.time, q=clean.q, dq=clean.dq, ddq=clean.ddq, tau=noisy, period=clean.period
+        )
+        values = build_rows(kind, library, signals, PLAIN) if kind != "torque" else None
+        result = fit_ols(values or _with_values(rows, noisy.T.ravel()), seen)
+        score = np.abs(result.values - TWO_LINK_TRUTH) / np.sqrt(np.diag(result.covariance))
+        hits += [np.mean(score < 1), np.mean(score < 2)]
+    # Of a normal distribution. The deviation of energy rows is itself estimated row by row.
+    slack = 0.03 if kind != "energy" else 0.04
+    np.testing.assert_allclose(hits / runs, [0.683, 0.954], atol=slack)
+
+
+def _with_values(rows, values):
+    fields = {name: getattr(rows, name) for name in type(rows).__dataclass_fields__}
+    return type(rows)(**{**fields, "values": values})
+
+
+def test_parallel_decimation_does_not_bias():
+    library = build_two_link()
+    signals = build_signals(library, TWO_LINK_TRUTH, samples=20001)
+    processing = Processing(decimation=Decimation(factor=10))
+    rows = build_rows("torque", library, signals, processing)
+    assert len(rows.values) == pytest.approx(2 * 2000, abs=4)
+    # Not exact to the last bit: the filter of order 8, in the form of a transfer function,
+    # rounds at 1e-9 of the largest column.
+    np.testing.assert_allclose(fit(rows).values, TWO_LINK_TRUTH, rtol=1e-7, atol=1e-7)
+
+
+def test_decimated_noise_still_has_an_honest_standard_deviation():
+    library = build_one_axis()
+    processing = Processing(decimation=Decimation(factor=10))
+    scores = []
+    for seed in range(60):
+        signals = build_signals(library, ONE_AXIS_TRUTH, samples=10001, seed=seed, noise=(5.0,))
+        result = fit(build_rows("torque", library, signals, processing))
+        scores.append((result.values - ONE_AXIS_TRUTH) / np.sqrt(np.diag(result.covariance)))
+    assert 0.8 < np.std(scores) < 1.25
+
+
+def test_wls_beats_ols_where_joints_are_not_equally_noisy():
+    library = build_two_link()
+    errors = {fit_ols: [], fit_wls: []}
+    for seed in range(30):
+        signals = build_signals(library, TWO_LINK_TRUTH, period=5e-3, seed=seed, noise=(3.0, 0.03))
+        rows = build_rows("torque", library, signals, PLAIN)
+        for estimator, found in errors.items():
+            found.append(fit(rows, estimator).values - TWO_LINK_TRUTH)
+    spread = {estimator: np.std(found, axis=0) for estimator, found in errors.items()}
+    second_link = slice(3, 6)
+    assert np.all(spread[fit_wls][second_link] < 0.2 * spread[fit_ols][second_link])
+
+
+def test_two_logs_know_more_than_each_of_them():
+    library = build_two_link()
+    parts = [
+        build_rows("torque", library, build_signals(library, TWO_LINK_TRUTH, seed=seed, noise=(1, 1)), PLAIN)
+        for seed in (1, 2)
+    ]
+    both = fit(stack_rows(parts))
+    deviation = np.sqrt(np.diag(both.covariance))
+    for part in parts:
+        assert np.all(deviation < np.sqrt(np.diag(fit(part).covariance)))
+    assert np.all(np.abs(both.values - TWO_LINK_TRUTH) < 4 * deviation)
+
+
+def test_stacked_rows_stay_ordered_joint_by_joint():
+    library = build_two_link()
+    parts = [
+        build_rows("momentum", library, build_signals(library, TWO_LINK_TRUTH, seed=seed, samples=501), PLAIN)
+        for seed in (1, 2)
+    ]
+    stacked = stack_rows(parts)
+    assert np.all(np.diff(stacked.group) >= 0)
+    half = len(parts[0].values) // 2
+    np.testing.assert_array_equal(stacked.values[half : 2 * half], parts[1].values[:half])
+
+
+@pytest.mark.parametrize("kind", ROW_KINDS)
+def test_whole_identification_from_sampled_positions(kind):
+    # Positions and torques alone: the velocities come from central differences, so the result
+    # is as good as those, not exact.
+    library = build_two_link()
+    recordings = [
+        build_recording(library, TWO_LINK_TRUTH, samples=10001, seed=seed, source=f"log{seed}")
+        for seed in (3, 4)
+    ]
+    estimate = identify_parameters(library, recordings, Processing(drop_first=5, drop_last=5), rows=kind)
+    found = estimate.assemble(tuple(p.name for p in estimate.parameters))
+    np.testing.assert_allclose(found, TWO_LINK_TRUTH, atol=2e-3)
+    assert estimate.sources == ("log3", "log4")
+    assert not estimate.refused

@@ -1,0 +1,162 @@
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass, fields, replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from symid.errors import GenerationError
+from symid.identification.identify import identify_parameters
+from symid.identification.validate import validate_estimate
+from symid.report.figures import Line, build_histogram, build_line_figure, find_ticks, thin_line
+from symid.report.identification import ReportPage, build_report, write_report
+from symid.report.templates import find_variables, write_page
+from symid.report.verdict import find_verdict
+from symid.robot.description import Processing
+from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
+
+SVG = "{http://www.w3.org/2000/svg}"
+NOISE = (0.5, 0.2)
+
+
+@pytest.fixture(scope="module")
+def result():
+    library = build_two_link()
+    processing = Processing(drop_first=5, drop_last=5)
+    recordings = [
+        build_recording(library, TWO_LINK_TRUTH, seed=seed, noise=NOISE, source=f"<log {seed}>")
+        for seed in (0, 7)
+    ]
+    estimate = identify_parameters(library, recordings[:1], processing)
+    return estimate, validate_estimate(estimate, library, recordings[1], processing)
+
+
+def test_context_and_template_have_the_same_names():
+    assert find_variables("identification.html.jinja") == {field.name for field in fields(ReportPage)}
+
+
+def test_a_context_that_differs_is_refused():
+    @dataclass
+    class Other:
+        robot: str = "x"
+        unused: int = 1
+
+    with pytest.raises(
+        GenerationError, match=r"its context lacks .*'verdict'.* and has \['unused'\]"
+    ) as caught:
+        write_page("identification.html.jinja", Other())
+    assert caught.value.notices[0].code == "report.template-context"
+
+
+class Reader(HTMLParser):
+    def __init__(self):
+        super().__init__()
+        self.tags, self.links = [], []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.links += [value for name, value in attrs if name in ("src", "href")]
+
+
+def test_the_page_needs_nothing_else(tmp_path, result):
+    estimate, validation = result
+    path = write_report(tmp_path / "report.html", estimate, (validation,))
+    text = path.read_text(encoding="utf-8")
+    reader = Reader()
+    reader.feed(text)
+    assert reader.links == []
+    assert "script" not in reader.tags
+    assert "@import" not in text
+    assert "url(" not in text
+    assert reader.tags.count("svg") == 6
+    assert [entry.name for entry in tmp_path.iterdir()] == ["report.html"]
+
+
+def test_names_from_files_are_escaped(tmp_path, result):
+    estimate, validation = result
+    text = write_report(tmp_path / "report.html", estimate, (validation,)).read_text(encoding="utf-8")
+    assert "&lt;log 7&gt;" in text
+    assert "<log 7>" not in text
+
+
+def test_every_parameter_and_setting_is_shown(result):
+    estimate, validation = result
+    page = build_report(estimate, (validation,))
+    assert [line.name for line in page.parameters] == [entry.name for entry in estimate.parameters]
+    assert all(line.inside == "yes" for line in page.parameters)
+    assert ("processing.drop_first", "5") in page.settings
+    assert page.logs[0].mean_relative == f"{validation.mean_relative_percent:.4f} %"
+
+
+def test_the_same_result_gives_the_same_page(tmp_path, result):
+    estimate, validation = result
+    first = write_report(tmp_path / "a.html", estimate, (validation,)).read_bytes()
+    assert write_report(tmp_path / "b.html", estimate, (validation,)).read_bytes() == first
+
+
+def test_refused_parameters_and_missing_validation_are_said(tmp_path, result):
+    estimate, _ = result
+    partial = replace(estimate, refused=(("Fc2", "it never moved"),))
+    text = write_report(tmp_path / "report.html", partial).read_text(encoding="utf-8")
+    assert "it never moved" in text
+    assert "no held-out log has tested them yet" in text
+
+
+@pytest.mark.parametrize(("scale", "level"), [(1.0, "good"), (1.6, "fair"), (5.0, "poor")])
+def test_the_verdict_follows_the_held_out_residual(result, scale, level):
+    estimate, validation = result
+    worse = tuple(replace(entry, std=scale * entry.std) for entry in validation.residual)
+    assert find_verdict(estimate, (replace(validation, residual=worse),)).level == level
+
+
+def test_a_true_value_that_was_missed_is_counted(result):
+    estimate, validation = result
+    first = estimate.parameters[0]
+    wrong = replace(first, truth=first.value + 10 * first.std)
+    verdict = find_verdict(replace(estimate, parameters=(wrong, *estimate.parameters[1:])), (validation,))
+    assert any("Of 12 parameters whose true value is stated, 11 lie" in detail for detail in verdict.details)
+    assert build_report(replace(estimate, parameters=(wrong,))).parameters[0].inside == "no"
+
+
+def test_thinning_keeps_peaks_and_ends_with_few_points():
+    rng = np.random.default_rng(3)
+    x, y = np.arange(100_000.0), rng.normal(size=100_000)
+    y[54_321] = 50
+    y[12_345] = -50
+    thin_x, thin_y = thin_line(x, y)
+    assert len(thin_x) <= 2000
+    assert 54_321 in thin_x
+    assert 12_345 in thin_x
+    assert np.all(np.diff(thin_x) > 0)
+    np.testing.assert_array_equal(thin_y, y[thin_x.astype(int)])
+
+
+def test_ticks_are_round_and_inside():
+    assert find_ticks(0.0, 1.0, 5) == pytest.approx((0, 0.2, 0.4, 0.6, 0.8, 1.0))
+    assert find_ticks(-3.0, 17.0, 5) == pytest.approx((0, 5, 10, 15))
+
+
+def test_figures_are_xml_that_speaks_and_stay_in_their_frame():
+    x = np.linspace(0, 10, 50)
+    lines = [
+        Line(label="a & b", style="measured", x=x, y=np.sin(x)),
+        Line(label="c", style="predicted", x=x, y=x),
+    ]
+    root = ET.fromstring(build_line_figure("A < B", "said", ("time (s)", "y (N m)"), lines))  # noqa: S314  our own text
+    assert root.find(f"{SVG}title").text == "A < B"
+    assert root.find(f"{SVG}desc").text == "said"
+    assert {"time (s)", "y (N m)", "a & b"} <= {entry.text for entry in root.iter(f"{SVG}text")}
+    points = [
+        tuple(map(float, p.split(",")))
+        for line in root.iter(f"{SVG}polyline")
+        for p in line.get("points").split()
+    ]
+    assert len(points) == 100
+    assert all(74 <= a <= 848 and 14 <= b <= 224 for a, b in points)
+
+
+@pytest.mark.parametrize("values", [np.zeros(5), np.array([1e9]), np.linspace(-1, 1, 1000)])
+def test_histograms_take_constants_and_ramps(values):
+    root = ET.fromstring(build_histogram("t", "d", ("x", "y"), values))  # noqa: S314  our own text
+    assert len(list(root.iter(f"{SVG}rect"))) == 41
+    assert "nan" not in ET.tostring(root, encoding="unicode")
