@@ -11,9 +11,11 @@ import numpy as np
 
 from symid.arrays import FloatArray
 from symid.errors import LogError, Notice
-from symid.robot.description import Decimation
+from symid.robot.description import Decimation, Processing
 
-__all__ = ["decimate", "differentiate", "find_pad_length", "low_pass"]
+__all__ = ["decimate", "differentiate", "find_noise_band", "find_pad_length", "low_pass"]
+
+_FREQUENCIES = 8192
 
 
 def find_pad_length(order: int) -> int:
@@ -78,6 +80,29 @@ def decimate(values: FloatArray, decimation: Decimation) -> FloatArray:
     kept = -(-len(values) // factor)
     first = factor - (factor * kept - len(values)) - 1
     return np.ascontiguousarray(smooth[first::factor])
+
+
+def find_noise_band(processing: Processing, period: float) -> float:
+    """Return the part of the band, after decimation, that white noise of the torque still fills.
+
+    m decimated samples of such noise hold as much information on slow parameters as m b independent
+    ones: b is the mean of |H|^4 over the new band relative to |H(0)|^4 (both passes of each filter).
+
+    Args:
+        processing: decimation, and the low-pass if the torque passes it.
+        period: sample period in s, before decimation.
+    """
+    decimation = processing.decimation
+    from scipy.signal import butter, cheby1, freqz
+
+    gain = np.ones(_FREQUENCIES)
+    if decimation.factor > 1:
+        coefficients = cheby1(decimation.order, decimation.ripple_db, decimation.band / decimation.factor)
+        gain *= np.abs(freqz(*coefficients, worN=_FREQUENCIES)[1]) ** 4
+    if processing.filter_torque and processing.filter_cutoff is not None:
+        coefficients = butter(processing.filter_order, processing.filter_cutoff * 2.0 * period)
+        gain *= np.abs(freqz(*coefficients, worN=_FREQUENCIES)[1]) ** 4
+    return min(1.0, decimation.factor * float(np.mean(gain) / gain[0]))
 
 
 def _filter_both_ways(b: FloatArray, a: FloatArray, values: FloatArray, order: int) -> FloatArray:

@@ -63,7 +63,7 @@ def identify_parameters(
     parts = [prepare_rows(rows, library, recording, processing, window=window) for recording in recordings]
     stacked = stack_rows(parts)
     seen = find_identifiability(stacked, rule)
-    fit = ESTIMATORS[estimator](stacked, seen, spent=1 if processing.noise_freedom == "one" else None)
+    fit = ESTIMATORS[estimator](stacked, seen, processing.noise_freedom)
     parameters = _list_parameters(library.card.beta + library.card.friction, fit, seen)
     window_used = {} if rows == "torque" else {"window": window}
     return Estimate(

@@ -7,12 +7,14 @@ Supported: joints at rest; their rows are left out where dry friction or a brake
 
 from dataclasses import replace
 
+import numpy as np
+
 from symid.codegen.library import Library
 from symid.data.recording import Recording
 from symid.data.signals import prepare_signals
 from symid.errors import IdentifiabilityError, LogError, Notice
 from symid.identification.identifiability import find_resting_joints, settle_joints
-from symid.identification.rows import Rows, build_rows, drop_groups
+from symid.identification.rows import Rows, build_rows, drop_groups, select_rows
 from symid.robot.description import Processing
 
 __all__ = ["prepare_rows"]
@@ -36,10 +38,38 @@ def prepare_rows(
     rows = build_rows(kind, library, signals, processing, window=window)
     if kind == "energy":
         return rows
+    rows = _leave_out_slow(rows, recording, processing.standstill)
     joints = library.card.joints
     held = tuple(joint for joint in resting if joints[joint].friction != "none")
     notices = tuple(_say_resting(joints[joint].name, recording) for joint in held)
     return replace(drop_groups(rows, held), notices=rows.notices + notices) if held else rows
+
+
+def _leave_out_slow(rows: Rows, recording: Recording, standstill: float) -> Rows:
+    """Leave out the rows of joints slower than `standstill` (rad/s or m/s), and say how many."""
+    slow = np.abs(rows.velocity) < standstill
+    if not slow.any():
+        return rows
+    notices = tuple(
+        _say_slow(
+            name,
+            recording,
+            standstill,
+            int(slow[rows.group == index].sum()),
+            int((rows.group == index).sum()),
+        )
+        for index, name in enumerate(rows.group_names)
+        if slow[rows.group == index].any()
+    )
+    return replace(select_rows(rows, ~slow), notices=rows.notices + notices)
+
+
+def _say_slow(joint: str, recording: Recording, standstill: float, left_out: int, whole: int) -> Notice:
+    text = (
+        f"joint {joint!r}: {left_out} of {whole} rows slower than {standstill:g} were left out, "
+        "as processing.standstill asks"
+    )
+    return Notice(code="identify.slow-rows", text=text, file=recording.source)
 
 
 def _check_joints(library: Library, recording: Recording) -> None:

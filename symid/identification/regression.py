@@ -6,9 +6,10 @@ Input: rows and what they can tell. Output: `Fit`.
     wls   min sum_j |A_j x - y_j|^2 / sigma_j^2, sigma_j = |e_j| / sqrt(m_j - p) from the residuals e of ols
 
 By QR of A B, where the columns of B are the directions that the rows see, scaled so that the
-columns of A have length one. The covariance is s^2 (A'A)^-1 with s^2 = |e|^2 / (m - p) of the
-weighted rows. The noise of an energy row grows with the speed in its window, so there the
-covariance is the one that holds for unequal noise.
+columns of A have length one. The covariance is s^2 (A'A)^-1 with s^2 = |e|^2 / (b m - p) of the
+weighted rows, b the part of them that is independent behind the decimation filter. The noise of
+an energy row grows with the speed in its window, so there the covariance is the one that holds
+for unequal noise.
 
 Supported: rank-deficient rows: directions that are not seen stay at zero.
 Not supported: robust losses, priors, constraints.
@@ -50,31 +51,31 @@ class Fit:
             object.__setattr__(self, name, freeze(getattr(self, name)))
 
 
-def fit_ols(rows: Rows, seen: Identifiability, *, spent: int | None = None) -> Fit:
+def fit_ols(rows: Rows, seen: Identifiability, freedom: str = "band") -> Fit:
     """Return the ordinary least-squares fit of `rows`.
 
     Args:
         rows: the equations.
         seen: what they can tell.
-        spent: degrees of freedom taken from the rows for the noise; None for as many as fitted.
+        freedom: how the variance of the noise is estimated, see `Processing.noise_freedom`.
     """
-    return _fit_weighted(rows, seen, np.ones(len(rows.values)), spent)
+    return _fit_weighted(rows, seen, np.ones(len(rows.values)), freedom)
 
 
-def fit_wls(rows: Rows, seen: Identifiability, *, spent: int | None = None) -> Fit:
+def fit_wls(rows: Rows, seen: Identifiability, freedom: str = "band") -> Fit:
     """Return the fit with rows weighted by the inverse scatter of their joint, iterated once.
 
     Arguments as for `fit_ols`.
     """
-    first = fit_ols(rows, seen, spent=spent)
+    first = fit_ols(rows, seen, freedom)
     scatter = find_group_scatter(rows, first.residuals, first.spent)
     # A joint that is explained to the last bit must not outweigh all others by 1e16.
     floor = 1e-9 * np.linalg.norm(rows.values) / np.sqrt(len(rows.values))
     weights = 1.0 / np.maximum(scatter, floor)
-    return _fit_weighted(rows, seen, weights[rows.group], spent)
+    return _fit_weighted(rows, seen, weights[rows.group], freedom)
 
 
-def _fit_weighted(rows: Rows, seen: Identifiability, weights: FloatArray, spent: int | None) -> Fit:
+def _fit_weighted(rows: Rows, seen: Identifiability, weights: FloatArray, freedom: str) -> Fit:
     matrix = rows.matrix * weights[:, None]
     # Columns: the regressor in the directions seen, then the right-hand side.
     stacked = np.column_stack([matrix @ seen.basis, rows.values * weights])
@@ -84,13 +85,14 @@ def _fit_weighted(rows: Rows, seen: Identifiability, weights: FloatArray, spent:
     inner = right.T @ ((left.T @ factor[:count, count]) / singular)
     values: FloatArray = seen.basis @ inner
     residuals = rows.values - rows.matrix @ values
-    weighted, used = residuals * weights, count if spent is None else spent
+    weighted, used = residuals * weights, 1 if freedom == "one" else count
+    independent = rows.independent if freedom == "band" else 1.0
     spectrum = find_spectrum(matrix[:, seen.basis.any(axis=1)]).singular
     return Fit(
         values=values,
         covariance=find_robust_covariance(seen.basis, stacked[:, :count], weighted)
         if rows.kind == "energy"
-        else find_covariance(seen.basis, stacked[:, :count], weighted, used),
+        else find_covariance(seen.basis, stacked[:, :count], weighted, independent * len(weighted) - used),
         residuals=residuals,
         spent=used,
         condition=float(spectrum[0] / spectrum[count - 1]),
@@ -100,7 +102,7 @@ def _fit_weighted(rows: Rows, seen: Identifiability, weights: FloatArray, spent:
 class Estimator(Protocol):
     """How equations become parameters."""
 
-    def __call__(self, rows: Rows, seen: Identifiability, *, spent: int | None = None) -> Fit:
+    def __call__(self, rows: Rows, seen: Identifiability, freedom: str = "band") -> Fit:
         """Return the fit of `rows`."""
 
 

@@ -23,13 +23,14 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray, freeze
 from symid.codegen.functions import ModelCard
 from symid.codegen.library import Library
+from symid.data.filters import find_noise_band
 from symid.data.recording import Signals
 from symid.data.signals import decimate_columns
 from symid.errors import Notice, UsageError
 from symid.identification.quadrature import find_windows, integrate_windows
-from symid.robot.description import Decimation, Processing
+from symid.robot.description import Processing
 
-__all__ = ["ROW_KINDS", "WINDOW", "Rows", "build_rows", "drop_groups", "stack_rows"]
+__all__ = ["ROW_KINDS", "WINDOW", "Rows", "build_rows", "drop_groups", "select_rows", "stack_rows"]
 
 ROW_KINDS = ("torque", "momentum", "energy")
 WINDOW = 0.1
@@ -50,6 +51,7 @@ class Rows:
         velocity: (m,) of the joint in rad/s or m/s; of a window its mean; 0 for scalar equations.
         names, units: of the p parameters.
         group_names, group_units, velocity_units: of the groups.
+        independent: rows of independent noise that the rows are worth, as a fraction of them.
     """
 
     kind: str
@@ -63,6 +65,7 @@ class Rows:
     group_names: tuple[str, ...]
     group_units: tuple[str, ...]
     velocity_units: tuple[str, ...]
+    independent: float = 1.0
     notices: tuple[Notice, ...] = ()
 
     def __post_init__(self) -> None:
@@ -92,7 +95,7 @@ def build_rows(
     """
     match kind:
         case "torque":
-            return _build_torque(library, signals, processing.decimation)
+            return _build_torque(library, signals, processing)
         case "momentum":
             return _build_momentum(library, signals, window)
         case "energy":
@@ -101,7 +104,8 @@ def build_rows(
     raise UsageError(Notice(code="usage.unknown-rows", text=text))
 
 
-def _build_torque(library: Library, signals: Signals, decimation: Decimation) -> Rows:
+def _build_torque(library: Library, signals: Signals, processing: Processing) -> Rows:
+    decimation = processing.decimation
     regressor = _evaluate_columns(library, signals)
     parts = []
     for j in range(library.card.size):
@@ -115,6 +119,7 @@ def _build_torque(library: Library, signals: Signals, decimation: Decimation) ->
         values=np.concatenate([part[:, -2] for part in parts]),
         time=np.tile(time, len(parts)),
         velocity=np.concatenate([part[:, -1] for part in parts]),
+        independent=find_noise_band(processing, signals.period),
     )
 
 
@@ -190,6 +195,7 @@ def _assemble(
     values: FloatArray,
     time: FloatArray,
     velocity: FloatArray,
+    independent: float = 1.0,
 ) -> Rows:
     parameters = card.beta + card.friction
     scalar = kind == "energy"
@@ -207,6 +213,7 @@ def _assemble(
         units=tuple(parameter.unit for parameter in parameters),
         group_names=("all joints",) if scalar else tuple(joint.name for joint in joints),
         group_units=("J",) if scalar else tuple(joint.torque_unit + factor for joint in joints),
+        independent=independent,
         velocity_units=("",) if scalar else tuple(f"{joint.position_unit}/s" for joint in joints),
         notices=_warn_of_energy(card.size) if scalar else (),
     )
@@ -236,6 +243,7 @@ def stack_rows(parts: Sequence[Rows]) -> Rows:
         values=np.concatenate([part.values for part in parts])[order],
         group=group[order],
         time=np.concatenate([part.time for part in parts])[order],
+        independent=sum(part.independent * len(part.values) for part in parts) / len(group),
         velocity=np.concatenate([part.velocity for part in parts])[order],
         notices=notices,
     )
@@ -243,7 +251,11 @@ def stack_rows(parts: Sequence[Rows]) -> Rows:
 
 def drop_groups(rows: Rows, groups: Sequence[int]) -> Rows:
     """Return the equations without those of the given groups."""
-    keep = ~np.isin(rows.group, list(groups))
+    return select_rows(rows, ~np.isin(rows.group, list(groups)))
+
+
+def select_rows(rows: Rows, keep: NDArray[np.bool_]) -> Rows:
+    """Return the equations for which `keep` (m,) holds."""
     return replace(
         rows,
         matrix=rows.matrix[keep],

@@ -16,16 +16,16 @@ from symid.identification.rows import Rows
 __all__ = ["find_covariance", "find_group_scatter", "find_residuals", "find_robust_covariance"]
 
 
-def find_covariance(basis: FloatArray, design: FloatArray, errors: FloatArray, spent: int) -> FloatArray:
-    """Return s^2 B (F'F)^-1 B' with s^2 = |e|^2 / (m - spent), the covariance of x = B z: (p, p).
+def find_covariance(basis: FloatArray, design: FloatArray, errors: FloatArray, freedom: float) -> FloatArray:
+    """Return s^2 B (F'F)^-1 B' with s^2 = |e|^2 / freedom, the covariance of x = B z: (p, p).
 
     Args:
         basis: B (p, r).
         design: F = A B (m, r), of full column rank.
         errors: e (m,), all of one variance.
-        spent: degrees of freedom taken from m; r leaves no bias.
+        freedom: rows of independent noise less what the fit took; m - r for white noise.
     """
-    variance = float(errors @ errors) / (len(errors) - spent)
+    variance = float(errors @ errors) / freedom
     root = basis @ _find_inverse_root(design)
     covariance: FloatArray = variance * (root @ root.T)
     return covariance

@@ -142,9 +142,11 @@ class Processing:
     """From a recording to states: zero-phase Butterworth, central differences, cut ends, decimation.
 
     `filter_cutoff` in Hz, None for no filter; `filter_torque` whether the torque passes it too;
-    `drop_first`, `drop_last` samples cut off after differentiation; `noise_freedom` what is taken
-    from m rows when the variance of the noise is estimated, |e|^2 / (m - k): "parameters" (k of them
-    fitted, without bias) or "one", as publications do that quote the standard deviation of e.
+    `drop_first`, `drop_last` samples cut off after differentiation; `standstill` the speed (rad/s or
+    m/s) below which a joint's rows are left out, because dry friction there is not a function of
+    velocity; `noise_freedom` what |e|^2 of m rows is divided by to get the variance of the noise, k
+    parameters fitted: "band" m b - k, b the part of the band that decimation lets pass (rows behind a
+    filter are not independent), "parameters" m - k, "one" m - 1, as some publications do.
     """
 
     filter_order: int = 4
@@ -152,7 +154,8 @@ class Processing:
     filter_torque: bool = False
     drop_first: int = 0
     drop_last: int = 0
-    noise_freedom: str = "parameters"
+    standstill: float = 0.0
+    noise_freedom: str = "band"
     decimation: Decimation = field(default_factory=Decimation)
 
 

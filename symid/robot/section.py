@@ -137,7 +137,7 @@ def show(text: str) -> str:
 def find_nearest(name: str, allowed: Iterable[str]) -> str:
     """Return a question with the names most like `name`, or nothing."""
     names = list(allowed)
-    near = difflib.get_close_matches(name.lower(), [known.lower() for known in names], n=2, cutoff=0.55)
+    near = difflib.get_close_matches(name.lower(), [known.lower() for known in names], n=2, cutoff=0.5)
     found = [known for known in names if known.lower() in near]
     return f"did you mean {' or '.join(found)}?" if found else ""
 

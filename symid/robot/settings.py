@@ -29,6 +29,17 @@ from symid.units import find_unit_factor, nearest_units
 
 __all__ = ["list_log", "list_processing", "read_log", "read_processing"]
 
+_PROCESSING = (
+    "filter_order",
+    "filter_cutoff",
+    "filter_torque",
+    "drop_first",
+    "drop_last",
+    "standstill",
+    "noise_freedom",
+    "decimation",
+)
+_FREEDOMS = ("band", "parameters", "one")
 _QUANTITIES = ("time", "position", "velocity", "torque")
 _NATURAL = {
     "position": {JointKind.REVOLUTE: "angle", JointKind.PRISMATIC: "length"},
@@ -48,8 +59,7 @@ _LARGEST_RIPPLE = 3.0
 
 def read_processing(root: Section) -> Processing:
     """Return the `[processing]` table, the defaults where it says nothing."""
-    keys = ("filter_order", "filter_cutoff", "filter_torque", "drop_first", "drop_last", "decimation")
-    table = read_table(root, "processing", keys)
+    table = read_table(root, "processing", _PROCESSING)
     if table is None:
         return Processing()
     standard = Processing()
@@ -62,6 +72,8 @@ def read_processing(root: Section) -> Processing:
         filter_torque=bool(read_flag(table, "filter_torque")),
         drop_first=read_integer(table, "drop_first", NOT_NEGATIVE) or 0,
         drop_last=read_integer(table, "drop_last", NOT_NEGATIVE) or 0,
+        standstill=float(read_number(table, "standstill", "rad/s or m/s", NOT_NEGATIVE) or 0),
+        noise_freedom=read_choice(table, "noise_freedom", _FREEDOMS) or standard.noise_freedom,
         decimation=_read_decimation(table),
     )
 
@@ -229,6 +241,8 @@ def list_processing(processing: Processing) -> dict[str, Any]:
         "filter_torque": processing.filter_torque,
         "drop_first": processing.drop_first,
         "drop_last": processing.drop_last,
+        "standstill": _exactly(processing.standstill),
+        "noise_freedom": processing.noise_freedom,
         "decimation": {
             "factor": decimation.factor,
             "order": decimation.order,

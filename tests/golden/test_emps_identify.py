@@ -3,8 +3,6 @@
 Numbers: Janot, Gautier, Brunot, Data set and reference models of EMPS, 2019.
 """
 
-from dataclasses import replace
-
 import pytest
 
 from symid.codegen.cache import prepare_library
@@ -26,10 +24,8 @@ def identify(shared_data, robots_folder):
         library = prepare_library(robot)
         fitted = read_recording(shared_data / "emps" / "DATA_EMPS.mat", robot)
         unseen = read_recording(shared_data / "emps" / "DATA_EMPS_PULSES.mat", robot)
-        # The publication divides by m - 1 where this project, unless told, divides by m - p.
-        processing = replace(robot.processing, noise_freedom="one")
-        estimate = identify_parameters(library, [fitted], processing)
-        return estimate, validate_estimate(estimate, library, unseen, processing)
+        estimate = identify_parameters(library, [fitted], robot.processing)
+        return estimate, validate_estimate(estimate, library, unseen, robot.processing)
 
     return run
 

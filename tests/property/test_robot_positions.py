@@ -15,7 +15,9 @@ SCALARS = st.one_of(
     st.sampled_from(["1_000", "0x1F", "-1.5e-3", "6.0", "true", "false", "inf", "-0.0"]),
     st.sampled_from(["1979-05-27T07:32:00Z", "1979-05-27 07:32:00", "1979-05-27", "07:32:00"]),
     st.sampled_from(['"plain"', '"a # no comment"', '"quote \\" ] } , \\\\"', "'literal \\'", '""', "''"]),
-    st.sampled_from(['"""two\nlines"""', "'''raw \\ \n]'''", '"""ends in quotes"""""', '"""a\\"""b"""', "''''x'''''"]),
+    st.sampled_from(
+        ['"""two\nlines"""', "'''raw \\ \n]'''", '"""ends in quotes"""""', '"""a\\"""b"""', "''''x'''''"]
+    ),
 )
 GAPS = st.sampled_from(["", " ", "\t", "  "])
 BREAKS = st.sampled_from(["", " ", "\n", " # ] } , comment\n  ", "\n\n\t"])
@@ -24,11 +26,13 @@ BREAKS = st.sampled_from(["", " ", "\n", " # ] } , comment\n  ", "\n\n\t"])
 def _array(values: st.SearchStrategy[str]) -> st.SearchStrategy[str]:
     elements = st.lists(st.tuples(BREAKS, values, BREAKS), max_size=4)
     return st.builds(
-        lambda parts, end, comma: "["
-        + ",".join(before + value + after for before, value, after in parts)
-        + ("," if comma and parts else "")
-        + end
-        + "]",
+        lambda parts, end, comma: (
+            "["
+            + ",".join(before + value + after for before, value, after in parts)
+            + ("," if comma and parts else "")
+            + end
+            + "]"
+        ),
         elements,
         BREAKS,
         st.booleans(),
@@ -38,7 +42,9 @@ def _array(values: st.SearchStrategy[str]) -> st.SearchStrategy[str]:
 def _inline(values: st.SearchStrategy[str]) -> st.SearchStrategy[str]:
     pairs = st.lists(st.tuples(KEYS, GAPS, values), max_size=3, unique_by=lambda pair: pair[0])
     return st.builds(
-        lambda parts, gap: "{" + gap + ", ".join(f"{key}{space}={space}{value}" for key, space, value in parts) + gap + "}",
+        lambda parts, gap: (
+            "{" + gap + ", ".join(f"{key}{space}={space}{value}" for key, space, value in parts) + gap + "}"
+        ),
         pairs,
         GAPS,
     )
@@ -54,7 +60,9 @@ PAIRS = st.builds(
 )
 NAMES = st.lists(st.sampled_from(["a", "b", "'c d'", "joint"]), min_size=1, max_size=3)
 HEADERS = st.builds(
-    lambda keys, double, gap: f"{gap}{'[[' if double else '['}{gap}{'.'.join(keys)}{gap}{']]' if double else ']'} # x\n",
+    lambda keys, double, gap: (
+        f"{gap}{'[[' if double else '['}{gap}{'.'.join(keys)}{gap}{']]' if double else ']'} # x\n"
+    ),
     NAMES,
     st.booleans(),
     GAPS,

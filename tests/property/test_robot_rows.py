@@ -39,7 +39,8 @@ def move(x, z):
 def write_robot(convention, chain, extra=""):
     text = f'convention = "{convention}"\ngravity = [0, 0, -9.81]\n'
     for kind, alpha, a, d, theta in chain:
-        text += f'[[joint]]\nkind = "{kind}"\nalpha = {alpha[0]}\na = {a[0]}\nd = {d[0]}\ntheta = {theta[0]}\n{extra}'
+        text += f'[[joint]]\nkind = "{kind}"\nalpha = {alpha[0]}\na = {a[0]}\n'
+        text += f"d = {d[0]}\ntheta = {theta[0]}\n{extra}"
     return text
 
 
@@ -87,7 +88,9 @@ def test_standard_rows_and_the_tip_give_the_product_of_their_matrices(chain, see
 
 @given(CHAINS)
 def test_rotations_are_exactly_orthogonal_for_multiples_of_a_twelfth_of_pi(chain):
-    chain = [(kind, ('"pi/6"', math.pi / 6), a, d, ('"-3*pi/4"', -3 * math.pi / 4)) for kind, _, a, d, _ in chain]
+    chain = [
+        (kind, ('"pi/6"', math.pi / 6), a, d, ('"-3*pi/4"', -3 * math.pi / 4)) for kind, _, a, d, _ in chain
+    ]
     for joint in parse_robot(write_robot("modified", chain)).joints:
         rows = joint.placement.rotation
         for i in range(3):
@@ -104,10 +107,14 @@ def test_a_link_given_in_its_standard_frame_is_the_same_body(row, seed):
     tensor = find_tensor(masses, points - com)
     xx, yy, zz = np.diag(tensor)
     extra = (
-        f"[joint.link]\nmass = {masses.sum()!r}\ncom = [{com[0]!r}, {com[1]!r}, {com[2]!r}]\n"
-        f"inertia = {{ xx = {xx!r}, xy = {tensor[0, 1]!r}, xz = {tensor[0, 2]!r}, "
-        f"yy = {yy!r}, yz = {tensor[1, 2]!r}, zz = {zz!r} }}\n"
-    ).replace("np.float64(", "").replace(")", "")
+        (
+            f"[joint.link]\nmass = {masses.sum()!r}\ncom = [{com[0]!r}, {com[1]!r}, {com[2]!r}]\n"
+            f"inertia = {{ xx = {xx!r}, xy = {tensor[0, 1]!r}, xz = {tensor[0, 2]!r}, "
+            f"yy = {yy!r}, yz = {tensor[1, 2]!r}, zz = {zz!r} }}\n"
+        )
+        .replace("np.float64(", "")
+        .replace(")", "")
+    )
     joint = parse_robot(write_robot("standard", [row], extra)).joints[0]
     # The points of the body seen from the joint's own frame, by matrices.
     far_end = move(row[2][1], 0) @ turn_x(row[1][1])
@@ -135,7 +142,8 @@ def test_both_forms_of_a_link_are_the_sums_over_its_points(seed, central):
         about = find_parameters(masses, points - com)[:6]
         names = ("xx", "xy", "xz", "yy", "yz", "zz")
         entries = ", ".join(f"{name} = {float(value)!r}" for name, value in zip(names, about, strict=True))
-        extra = f"[joint.link]\nmass = {float(masses.sum())!r}\ncom = {com.tolist()!r}\ninertia = {{ {entries} }}\n"
+        extra = f"[joint.link]\nmass = {float(masses.sum())!r}\ncom = {com.tolist()!r}\n"
+        extra += f"inertia = {{ {entries} }}\n"
     else:
         names = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
         entries = ", ".join(f"{name} = {float(value)!r}" for name, value in zip(names, expected, strict=True))

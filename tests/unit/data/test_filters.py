@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from symid.data.filters import decimate, differentiate, low_pass
+from symid.data.filters import decimate, differentiate, find_noise_band, low_pass
 from symid.data.recording import Recording
 from symid.data.signals import decimate_columns, find_least_samples, prepare_signals
 from symid.errors import LogError
@@ -118,3 +118,30 @@ def test_a_cutoff_above_half_the_sample_rate_is_refused(cutoff):
 def test_too_few_rows_to_decimate_are_refused():
     with pytest.raises(LogError, match="order 8 needs more than 24"):
         decimate_columns(np.zeros((24, 1)), Decimation(factor=2))
+
+
+@pytest.mark.parametrize(
+    ("factor", "cutoff", "filter_torque"),
+    [(10, None, False), (4, None, False), (1, 40.0, True), (5, 60.0, True)],
+)
+def test_the_noise_band_is_that_of_filtered_noise(factor, cutoff, filter_torque):
+    """Slow means of filtered noise scatter as the band says: var(mean) m b = var(sample)."""
+    rng = np.random.default_rng(factor)
+    processing = Processing(
+        filter_cutoff=cutoff, filter_torque=filter_torque, decimation=Decimation(factor=factor)
+    )
+    white = rng.normal(size=(4000, 400))
+    if filter_torque:
+        white = low_pass(white, period=1e-3, cutoff=cutoff, order=processing.filter_order)
+    noise = decimate(white, processing.decimation)
+    band = find_noise_band(processing, 1e-3)
+    slow = np.cos(np.linspace(0, 9, len(noise)))[:, None]
+    weight = slow / np.linalg.norm(slow)
+    ratio = np.var(noise) / np.var(np.sum(weight * noise, axis=0))
+    assert band < 1.0
+    # The variance of 400 draws is known to about 7 %.
+    assert ratio == pytest.approx(band, rel=0.25)
+
+
+def test_without_filters_all_rows_are_independent():
+    assert find_noise_band(Processing(filter_cutoff=40.0), 1e-3) == 1.0

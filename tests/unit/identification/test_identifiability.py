@@ -57,11 +57,13 @@ def test_one_group_gives_the_textbook_fit(estimator):
     assert fit.condition == pytest.approx(np.linalg.cond(matrix / np.linalg.norm(matrix, axis=0)))
 
 
-def test_one_degree_of_freedom_may_be_spent_instead_of_p():
-    rows = build(*draw())
+@pytest.mark.parametrize(("freedom", "rest"), [("band", 0.8 * 60 - 4), ("parameters", 56), ("one", 59)])
+def test_the_variance_is_divided_as_asked(freedom, rest):
+    rows = replace(build(*draw()), independent=0.8)
     seen = find_identifiability(rows)
-    ratio = fit_ols(rows, seen, spent=1).covariance / fit_ols(rows, seen).covariance
-    np.testing.assert_allclose(ratio, 56 / 59)
+    fit = fit_ols(rows, seen, freedom)
+    expected = fit.residuals @ fit.residuals / rest * np.linalg.inv(rows.matrix.T @ rows.matrix)
+    np.testing.assert_allclose(fit.covariance, expected, rtol=1e-8)
 
 
 def test_weights_are_the_scatter_of_the_first_fit():

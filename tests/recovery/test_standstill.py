@@ -1,0 +1,59 @@
+"""Rows of a joint that stands still are left out where the settings ask for it, and the result says so."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symid.codegen.cache import prepare_library
+from symid.excitation.trajectories import FourierOptions, build_random_fourier
+from symid.identification.identify import identify_parameters
+from symid.robot.toml import read_robot
+from symid.simulation.experiment import ExperimentOptions, simulate_experiment
+from symid.simulation.sensors import SensorOptions
+
+NOISE = 0.2
+SEEDS = range(8)
+
+
+@pytest.fixture(scope="module")
+def robot(robots_folder):
+    return read_robot(robots_folder / "two_link.toml")
+
+
+@pytest.fixture(scope="module")
+def recordings(robot):
+    library = prepare_library(robot)
+    options = ExperimentOptions(sensors=SensorOptions(torque_noise=(NOISE,)))
+    runs = []
+    for seed in SEEDS:
+        rng = np.random.default_rng(seed)
+        trajectory = build_random_fourier(robot, rng, FourierOptions())
+        runs.append(simulate_experiment(robot, library, trajectory, options, rng).recording)
+    return library, runs
+
+
+def find_scores(robot, recordings, standstill):
+    """Return (value - truth) / std of all parameters for all seeds: (seeds, p)."""
+    library, runs = recordings
+    processing = replace(robot.processing, standstill=standstill)
+    estimates = [identify_parameters(library, (run,), processing) for run in runs]
+    return np.array([[(p.value - p.truth) / p.std for p in e.parameters] for e in estimates]), estimates
+
+
+def test_the_stated_deviations_are_honest(robot, recordings):
+    scores, estimates = find_scores(robot, recordings, robot.processing.standstill)
+    # 96 scores, correlated within a seed: their mean square is one, give or take a quarter.
+    assert 0.7 < np.sqrt(np.mean(scores**2)) < 1.3
+    assert np.abs(scores.mean(axis=0)).max() < 1.2
+    assert {notice.code for notice in estimates[0].notices} == {"identify.slow-rows"}
+    assert "rows slower than 0.1 were left out" in estimates[0].notices[0].text
+
+
+def test_sticking_joints_bias_friction_where_their_rows_stay(robot, recordings):
+    """Why the setting exists: with all rows the elbow's friction is off by more than it says."""
+    with_all, estimates = find_scores(robot, recordings, 0.0)
+    without, _ = find_scores(robot, recordings, robot.processing.standstill)
+    friction = [p.name for p in estimates[0].parameters].index("Fc2")
+    assert abs(with_all[:, friction].mean()) > abs(without[:, friction].mean()) + 1.0
+    assert estimates[0].samples > 3000

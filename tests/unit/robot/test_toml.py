@@ -1,0 +1,339 @@
+"""Robot files: what is read, and what each mistake is told."""
+
+import re
+
+import pytest
+
+from symid.errors import RobotError
+from symid.robot.description import FrictionKind, JointKind
+from symid.robot.geometry import Exact
+from symid.robot.toml import parse_robot, read_robot
+
+HEAD = 'convention = "modified"\ngravity = [0, 0, -9.81]\n'
+JOINT = '[[joint]]\nname = "shoulder"\nkind = "revolute"\n'
+
+
+def find_errors(text):
+    with pytest.raises(RobotError) as caught:
+        parse_robot(text, "arm.toml")
+    return [(notice.code, notice.line, notice.column, notice.text) for notice in caught.value.notices]
+
+
+def test_many_mistakes_are_told_at_once_with_their_places():
+    text = """name = "arm"
+gravity = [0, 0, "down"]
+[[joint]]
+name = "shoulder"
+kind = "revolut"
+alfa = 0
+  [joint.drive]
+  gear = 50
+  rotor_inertia = "1e-5 kg"
+  rotor_inertia_side = "motor"
+[[joint]]
+name = "elbow"
+kind = "revolute"
+parent = "sholder"
+d = "L1"
+"""
+    with pytest.raises(RobotError) as caught:
+        parse_robot(text, "arm.toml")
+    lines = [str(notice) for notice in caught.value.notices]
+    assert len(lines) == 7
+    assert lines[0].startswith("arm.toml:1:1: convention: missing, and never guessed; write convention =")
+    assert lines[1] == 'arm.toml:2:18: gravity: expected a number in m/s^2, got "down"'
+    assert lines[2].startswith(
+        'arm.toml:5:8: joint \'shoulder\': kind: expected one of "revolute", "prismatic", got "revolut"'
+    )
+    assert lines[3] == "arm.toml:6:1: joint 'shoulder': alfa: no such key here; did you mean alpha?"
+    assert lines[4] == (
+        "arm.toml:9:19: joint 'shoulder': rotor_inertia: "
+        'expected a number in kg*m^2, got "1e-5 kg" (kg is not a unit of inertia)'
+    )
+    assert lines[5] == (
+        "arm.toml:14:10: joint 'elbow': parent: there is no joint \"sholder\"; did you mean shoulder?"
+    )
+    assert lines[6].startswith("arm.toml:15:5: joint 'elbow': d: the symbol L1 has no value in [symbols]")
+    assert str(caught.value).count("\n") == 6
+
+
+MISTAKES = [
+    ("robot.syntax", "gravity = [0, 0\n", 2, 1, "not valid TOML"),
+    ("robot.syntax", "name = = 1\n", 1, 8, "not valid TOML"),
+    ("robot.missing-key", 'convention = "modified"\n' + JOINT, 1, 1, "gravity = [0, 0, -9.81]"),
+    ("robot.missing-key", HEAD, 1, 1, "[[joint]]"),
+    ("robot.missing-key", HEAD + '[[joint]]\nname = "a"\n', 3, 1, 'kind = "revolute"'),
+    ("robot.missing-key", HEAD + JOINT + "link = { com = [0, 0, 1] }\n", 6, 8, "mass = 1.5"),
+    ("robot.missing-key", HEAD + JOINT + "link = { standard = { XX = 1 } }\n", 6, 21, "M = 1.5"),
+    ("robot.missing-key", HEAD + JOINT + "friction = { Fv = 1 }\n", 6, 12, 'model = "viscous_coulomb"'),
+    ("robot.missing-key", HEAD + JOINT + '[log]\ntime = { unit = "s" }\n', 7, 8, 'column = "t"'),
+    ("robot.missing-key", HEAD + JOINT + '[log]\ntorque = { unit = "N m" }\n', 7, 10, "columns ="),
+    ("robot.missing-key", HEAD + JOINT + '[log]\ntorque = { columns = ["u"] }\n', 7, 10, 'unit = "N m"'),
+    ("robot.unknown-key", HEAD + JOINT + "[procesing]\n", 6, 2, "did you mean processing?"),
+    ("robot.unknown-key", HEAD + JOINT + "zzz = 1\n", 6, 1, "allowed are name, kind"),
+    ("robot.wrong-type", "name = 3\n" + HEAD + JOINT, 1, 8, 'expected a text in "quotes", got 3'),
+    ("robot.wrong-type", HEAD + "[joint]\n", 3, 1, "[[joint]] in two brackets"),
+    ("robot.wrong-type", HEAD + JOINT + "link = 3\n", 6, 8, "expected a table, got 3"),
+    ("robot.wrong-type", HEAD + JOINT + "[processing]\nfilter_torque = 1\n", 7, 17, "true or false, got 1"),
+    ("robot.wrong-type", HEAD + JOINT + "[processing]\ndrop_first = 1.0\n", 7, 14, "whole number, got 1.0"),
+    ("robot.wrong-type", HEAD + JOINT + "limits = { position = [0] }\n", 6, 23, "list of 2 numbers in rad"),
+    ("robot.wrong-type", HEAD + JOINT + 'limits = { torque = "3 N m" }\n', 6, 21, "alone, in N*m"),
+    ("robot.wrong-type", HEAD + JOINT + "limits = { torque = inf }\n", 6, 21, "not a finite number"),
+    ("robot.wrong-type", HEAD + JOINT + "link = { mass = 1e400 }\n", 6, 17, "sensible size"),
+    ("robot.wrong-type", HEAD + JOINT + '[log]\ntorque = { columns = [1], unit = "N m" }\n', 7, 22, "texts"),
+    (
+        "robot.wrong-type",
+        HEAD + JOINT + '[log]\ntorque = { columns = ["u"], unit = "V", factor = 0 }\n',
+        7,
+        50,
+        "other than 0",
+    ),
+    (
+        "robot.bad-choice",
+        'convention = "modifed"\ngravity = [0, 0, 1]\n' + JOINT,
+        1,
+        14,
+        "did you mean modified?",
+    ),
+    ("robot.bad-name", 'name = "my arm"\n' + HEAD + JOINT, 1, 8, "letters, digits and _"),
+    ("robot.bad-name", HEAD + '[[joint]]\nname = "base"\nkind = "revolute"\n', 4, 8, "cannot name a joint"),
+    ("robot.bad-name", HEAD + "[symbols]\nq1 = 2\n" + JOINT, 4, 1, "no letter of a coordinate"),
+    ("robot.duplicate-joint", HEAD + JOINT + JOINT, 7, 8, "taken by joint 1"),
+    ("robot.unknown-parent", HEAD + JOINT + 'parent = "wrist"\n', 6, 10, "allowed are base"),
+    (
+        "robot.unknown-parent",
+        HEAD + JOINT + 'parent = "wrist"\n[[joint]]\nname = "wrist"\nkind = "revolute"\n',
+        6,
+        10,
+        "comes before its children",
+    ),
+    ("robot.bad-angle", HEAD + JOINT + 'alpha = "pi half"\n', 6, 9, '"90 deg"; got "pi half"'),
+    ("robot.bad-angle", HEAD + JOINT + 'alpha = "pi/0"\n', 6, 9, "expected an angle"),
+    ("robot.bad-length", HEAD + JOINT + 'a = "50 mm"\n', 6, 5, "(write the number alone, in m)"),
+    ("robot.bad-length", HEAD + JOINT + "a = true\n", 6, 5, "expected a number in m"),
+    ("robot.unknown-symbol", HEAD + "[symbols]\nL1 = 2\n" + JOINT + 'a = "L2"\n', 8, 5, "did you mean L1?"),
+    ("robot.out-of-range", HEAD + JOINT + "link = { mass = -1 }\n", 6, 17, "greater than 0 kg, got -1"),
+    ("robot.out-of-range", HEAD + JOINT + "link = { mass = 0 }\n", 6, 17, "greater than 0 kg, got 0"),
+    ("robot.out-of-range", HEAD + JOINT + "link = { standard = { M = 0.0 } }\n", 6, 27, "greater than 0 kg"),
+    ("robot.out-of-range", HEAD + JOINT + "drive = { gear = 0 }\n", 6, 18, "must not be 0"),
+    ("robot.out-of-range", HEAD + JOINT + "limits = { position = [1, -1] }\n", 6, 23, "less than the upper"),
+    ("robot.out-of-range", HEAD + JOINT + "[processing]\nfilter_cutoff = -5\n", 7, 17, "greater than 0 Hz"),
+    (
+        "robot.out-of-range",
+        HEAD + JOINT + "[processing]\nfilter_order = 40\n",
+        7,
+        16,
+        "at least 1 and at most 16",
+    ),
+    ("robot.out-of-range", HEAD + JOINT + "[processing]\ndecimation = { band = 1.5 }\n", 7, 23, "at most 1"),
+    (
+        "robot.impossible-inertia",
+        HEAD + JOINT + "link = { mass = 1, inertia = { xx = 1, yy = 1, zz = 3 } }\n",
+        6,
+        30,
+        "none can exceed the sum of the others",
+    ),
+    (
+        "robot.impossible-inertia",
+        HEAD + JOINT + "link = { standard = { M = 1, MX = 1, XX = 0.1, YY = 0.5, ZZ = 0.5 } }\n",
+        6,
+        21,
+        "none can be negative",
+    ),
+    (
+        "robot.two-forms",
+        HEAD + JOINT + "link = { mass = 1, standard = { M = 1 } }\n",
+        6,
+        10,
+        "keep one of the two",
+    ),
+    ("robot.rotor-side", HEAD + JOINT + "drive = { rotor_inertia = 1e-5 }\n", 6, 11, "needs its side"),
+    ("robot.rotor-side", HEAD + JOINT + 'drive = { rotor_inertia_side = "motor" }\n', 6, 11, "stands alone"),
+    (
+        "robot.friction-values",
+        HEAD + JOINT + 'friction = { model = "viscous_coulomb", Fv = 1 }\n',
+        6,
+        41,
+        "without Fc; give all of Fv, Fc",
+    ),
+    (
+        "robot.friction-values",
+        HEAD + JOINT + 'friction = { model = "none", Fv = 1 }\n',
+        6,
+        30,
+        'not a value of the model "none"; it has no values',
+    ),
+    (
+        "robot.unknown-unit",
+        HEAD + JOINT + '[log]\nposition = { columns = ["q"], unit = "degres" }\n',
+        7,
+        38,
+        "did you mean deg",
+    ),
+    (
+        "robot.wrong-unit",
+        HEAD + JOINT + '[log]\ntime = { column = "t", unit = "m" }\n',
+        7,
+        31,
+        "unit of time",
+    ),
+    (
+        "robot.wrong-unit",
+        HEAD + JOINT + '[log]\nposition = { columns = ["q"], unit = "rad/s" }\n',
+        7,
+        38,
+        "expected a unit of angle",
+    ),
+    (
+        "robot.missing-factor",
+        HEAD + JOINT + '[log]\ntorque = { columns = ["u"], unit = "V" }\n',
+        7,
+        36,
+        "needs a factor that turns it into N m",
+    ),
+    (
+        "robot.missing-factor",
+        HEAD + JOINT + '[log]\ntorque = { columns = ["u"], unit = "A" }\n',
+        7,
+        36,
+        "torque_constant",
+    ),
+    (
+        "robot.column-count",
+        HEAD + JOINT + '[log]\ntorque = { columns = ["a", "b"], unit = "N m" }\n',
+        7,
+        22,
+        "2 columns for 1 joints",
+    ),
+    (
+        "robot.column-count",
+        HEAD + JOINT + '[log]\ntorque = { columns = ["a"], unit = "N m", factor = [1, 2] }\n',
+        7,
+        52,
+        "2 factors for 1 joints",
+    ),
+]
+
+
+@pytest.mark.parametrize(("code", "text", "line", "column", "words"), MISTAKES)
+def test_a_mistake_is_told_once_with_its_place_and_remedy(code, text, line, column, words):
+    errors = find_errors(text)
+    assert [(found, at, col) for found, at, col, _ in errors] == [(code, line, column)]
+    assert words in errors[0][3]
+
+
+REMARKS = [
+    ("robot.angle-snapped", "alpha = 1.5708\n", 6, 9, "moved by -3.67e-06 rad to 1*pi/2"),
+    ("robot.large-angle", "theta = 90\n", 6, 9, '"90 deg"'),
+    ("robot.long-length", "a = 425\n", 6, 5, "425 m is long"),
+    (
+        "robot.negative-friction",
+        'friction = { model = "viscous_coulomb", Fv = -1, Fc = 1 }\n',
+        6,
+        46,
+        "friction coefficients are positive",
+    ),
+    ("robot.unused-symbol", "[symbols]\nL1 = 0.5\n", 7, 6, "no joint uses this length"),
+]
+
+
+@pytest.mark.parametrize(("code", "line_of_text", "line", "column", "words"), REMARKS)
+def test_a_remark_does_not_stop_the_reader(code, line_of_text, line, column, words):
+    robot = parse_robot(HEAD + JOINT + line_of_text, "arm.toml")
+    (notice,) = robot.notices
+    assert (notice.code, notice.file, notice.line, notice.column) == (code, "arm.toml", line, column)
+    assert words in notice.text
+
+
+def test_every_code_of_the_reader_is_raised_in_a_test(project):
+    source = "".join(path.read_text() for path in sorted((project / "symid" / "robot").glob("*.py")))
+    codes = set(re.findall(r'"(robot\.[a-z-]+)"', source)) - {"robot.toml"}
+    tested = {case[0] for case in MISTAKES} | {case[0] for case in REMARKS} | {"robot.unreadable"}
+    assert codes == tested
+
+
+def test_a_file_that_cannot_be_read_is_told(tmp_path):
+    (tmp_path / "latin.toml").write_bytes(b'name = "\xe9"\n')
+    for name, words in (("absent.toml", "No such file"), ("latin.toml", "not UTF-8 text (byte 8)")):
+        with pytest.raises(RobotError, match=re.escape(words)) as caught:
+            read_robot(tmp_path / name)
+        assert caught.value.notices[0].code == "robot.unreadable"
+
+
+def test_line_ends_of_other_systems_do_not_move_places():
+    text = (HEAD + JOINT + "a = true\n").replace("\n", "\r\n")
+    assert find_errors(text)[0][1:3] == (6, 5)
+
+
+def test_values_of_a_full_file_are_read():
+    text = HEAD + (
+        'name = "arm"\ndescription = "d"\nsource = "s"\n[symbols]\nL1 = 0.25\n'
+        '[[joint]]\nkind = "revolute"\nalpha = "90 deg"\na = "-L1"\nd = 0.1\n'
+        'drive = { gear = -50, rotor_inertia = 1e-5, rotor_inertia_side = "motor", torque_constant = 0.1 }\n'
+        'friction = { model = "asymmetric", Fvp = 1, Fcp = 2, Fvn = 3, Fcn = 4 }\n'
+        "limits = { position = [-1, 2], velocity = 3, torque = 4 }\n"
+        '[[joint]]\nkind = "prismatic"\nparent = "base"\ndrive = { rotor_inertia = "unknown" }\n'
+        '[log]\ntime = { column = "t", unit = "ms" }\n'
+        'position = { columns = ["q"], unit = "SI" }\n'
+        'torque = { columns = ["u1", "u2"], unit = "V", factor = [2, 3.5], side = "motor" }\n'
+    )
+    robot = parse_robot(text, "arm.toml")
+    first, second = robot.joints
+    assert (robot.name, robot.description, robot.source, robot.path) == ("arm", "d", "s", "arm.toml")
+    assert robot.symbols == (("L1", 0.25),)
+    assert robot.gravity[2] == Exact.of("-9.81")
+    assert (first.name, second.name, first.parent, second.parent) == ("joint1", "joint2", -1, -1)
+    assert second.kind is JointKind.PRISMATIC
+    assert first.placement.translation == (-Exact.symbol("L1"), Exact.of("-0.1"), Exact())
+    assert first.drive.rotor_inertia == pytest.approx(0.025, rel=1e-15)
+    assert first.drive.torque_constant == 0.1
+    assert (second.drive.has_rotor, second.drive.rotor_inertia) == (True, None)
+    assert first.friction.kind is FrictionKind.ASYMMETRIC
+    assert first.friction.values == (1.0, 2.0, 3.0, 4.0)
+    assert (first.limits.position, first.limits.velocity, first.limits.torque) == ((-1.0, 2.0), 3.0, 4.0)
+    assert robot.log.time.unit == "ms"
+    assert robot.log.torque.columns == ("u1", "u2")
+    assert (robot.log.torque.factor, robot.log.torque.side) == ((2.0, 3.5), "motor")
+    assert robot.notices == ()
+
+
+def test_a_motor_current_becomes_a_joint_torque_through_gear_and_constant():
+    text = (
+        HEAD + JOINT + "drive = { gear = 50, torque_constant = 0.1 }\n"
+        '[log]\ntorque = { columns = ["i"], unit = "A", side = "motor" }\n'
+    )
+    torque = parse_robot(text).log.torque
+    assert (torque.unit, torque.factor, torque.side) == ("A", (5.0,), "joint")
+
+
+@pytest.mark.parametrize(
+    ("written", "cosine", "sine"),
+    [
+        ('"pi"', "-1", "0"),
+        ('"pi/2"', "0", "1"),
+        ('"-pi/4"', "1/2*sqrt(2)", "-1/2*sqrt(2)"),
+        ('"3*pi/4"', "-1/2*sqrt(2)", "1/2*sqrt(2)"),
+        ('"30 deg"', "1/2*sqrt(3)", "1/2"),
+        ("1.5707963267948966", "0", "1"),
+    ],
+)
+def test_angles_are_exact(written, cosine, sine):
+    rotation = parse_robot(HEAD + JOINT + f"theta = {written}\n").joints[0].placement.rotation
+    assert (str(rotation[0][0]), str(rotation[1][0])) == (cosine, sine)
+
+
+def test_decimal_lengths_stay_the_decimals_they_show():
+    joint = parse_robot(HEAD + JOINT + "a = 0.15005\nd = 1e-1\n").joints[0]
+    assert [str(entry) for entry in joint.placement.translation] == ["3001/20000", "0", "1/10"]
+
+
+def test_the_children_of_a_standard_tree_stand_at_the_far_end_of_their_parent():
+    text = (
+        'convention = "standard"\ngravity = [0, 0, -9.81]\n'
+        '[[joint]]\nname = "trunk"\nkind = "revolute"\na = 0.5\nalpha = "pi/2"\n'
+        '[[joint]]\nkind = "revolute"\na = 0.25\n[[joint]]\nparent = "trunk"\nkind = "revolute"\nd = 0.1\n'
+    )
+    robot = parse_robot(text)
+    assert [joint.parent for joint in robot.joints] == [-1, 0, 0]
+    assert [str(entry) for entry in robot.joints[1].placement.translation] == ["1/2", "0", "0"]
+    assert [str(entry) for entry in robot.joints[2].placement.translation] == ["1/2", "-1/10", "0"]
