@@ -147,7 +147,9 @@ def _write_parameters(
             label=label,
             terms=terms,
             expression=write_combination(named),
-            reason=explain_grouping(robot, label, named, _angular(visible, label)),
+            reason=explain_grouping(
+                robot, label, [other for other, _ in terms[1:]], _angular(visible, label)
+            ),
         )
 
 

@@ -55,7 +55,7 @@ def write_combination(terms: Sequence[tuple[str, Expr]]) -> str:
     return text
 
 
-def _describe_motion(robot: Robot, joint: int, angular: Sequence[tuple[int, ...]]) -> str:
+def _describe_motion(joint: int, angular: Sequence[tuple[int, ...]]) -> str:
     """Return how a link can turn, from the angular parts of its attainable velocities."""
     turning = [row for row in angular if row]
     link = f"link {joint + 1}"
@@ -64,33 +64,29 @@ def _describe_motion(robot: Robot, joint: int, angular: Sequence[tuple[int, ...]
     if len(turning) == 1:
         where = "its z axis" if turning[0] == (2,) else "one axis"
         return f"{link} turns about {where} only"
-    before = robot.joints[joint].parent
-    return f"{link} turns about {len(turning)} axes" + (
-        f", carried by link {before + 1}" if before >= 0 else ""
-    )
+    return f"{link} can turn about {'any axis' if len(turning) > 2 else 'two axes'} of its frame"
 
 
 def explain_grouping(
-    robot: Robot, label: Label, terms: Sequence[tuple[str, Expr]], angular: Sequence[tuple[int, ...]]
+    robot: Robot, label: Label, members: Sequence[Label], angular: Sequence[tuple[int, ...]]
 ) -> str:
     """Return why a representative stands for its group.
 
     Args:
         robot: the robot.
         label: the representative.
-        terms: all members of the group with their coefficients, the representative first.
+        members: the other members of its group.
         angular: angular components of each attainable velocity of the link.
     """
     joint, name = label
-    motion = _describe_motion(robot, joint, angular)
+    motion = _describe_motion(joint, angular)
     if name in ("Fv", "Fc", "Fvp", "Fcp", "Fvn", "Fcn", "offset"):
         return f"friction of joint {joint + 1}, felt at this joint alone"
-    if len(terms) == 1:
+    if not members:
         return f"{motion}; no other parameter has the same effect"
-    others = ", ".join(other for other, _ in terms[1:])
-    return (
-        f"{motion}; it cannot be told from {others}, whose effect at and before joint {joint + 1} is the same"
-    )
+    others = ", ".join(f"{other}{link + 1}" for link, other in members)
+    more = "; likewise the others" if len(members) > 1 else ""
+    return f"{motion}; felt only together with {others}: {_explain_transfer(robot, *members[0])}{more}"
 
 
 def explain_elimination(
@@ -106,9 +102,7 @@ def explain_elimination(
     """
     joint, name = label
     if not groups:
-        return (
-            f"no effect: {_describe_motion(robot, joint, angular)}, and neither motion nor gravity shows it"
-        )
+        return f"no effect: {_describe_motion(joint, angular)}, and neither motion nor gravity shows it"
     into = ", ".join(group for group, _ in groups)
     return f"grouped into {into}: {_explain_transfer(robot, joint, name)}"
 
@@ -127,7 +121,9 @@ def _explain_transfer(robot: Robot, joint: int, name: str) -> str:
             return f"link {number} does not turn against {carrier}, so its inertia adds to that link's"
         return f"where joint {number} slides, this moment does the same work as {carrier}'s own"
     if name in ("M", "MZ"):
-        return f"mass on the axis of joint {number} stays put when the joint turns: it moves with {carrier}"
+        return (
+            f"mass on the axis of joint {number} stays put when the joint turns, so it moves with {carrier}"
+        )
     if name == "YY":
         own = f"XX{number} {{}} YY{number}"
         return (

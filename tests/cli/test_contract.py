@@ -179,7 +179,10 @@ def test_an_interruption_exits_130(capsys, monkeypatch):
 
 
 def test_ctrl_c_ends_a_running_process_with_130(project, tmp_path):
-    command = [sys.executable, "-m", "symid", "simulate", "two_link", "--duration", "600"]
+    # A test run in the background of a shell ignores the signal, and its children would too.
+    start = "import signal, runpy; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    start += "runpy.run_module('symid', run_name='__main__')"
+    command = [sys.executable, "-c", start, "simulate", "two_link", "--duration", "600"]
     environment = {**os.environ, "PYTHONPATH": str(project)}
     process = subprocess.Popen(
         [*command, "-o", str(tmp_path / "log.npz")],

@@ -47,7 +47,7 @@ def test_reasons_name_the_group():
     base = find_base_parameters(TWO_LINK)
     first = base.parameters[0]
     assert (first.name, first.expression) == ("ZZR1", "ZZ1 + 0.25*M2")
-    assert "cannot be told from M2" in first.reason
+    assert "felt only together with M2: mass on the axis of joint 2" in first.reason
 
 
 def test_slides_do_not_turn():
