@@ -104,18 +104,36 @@ def draw_rational_state(robot, seed):
 
 
 _ANGLES = st.sampled_from([0.0, np.pi / 2, -np.pi / 2, np.pi / 4, np.pi / 6, np.pi, 0.3])
+_GRAVITIES = [
+    ("0", "0", "-9.81"),
+    ("0", "-9.81", "0"),
+    ("9.81", "0", "0"),
+    ("0.3", "-0.5", "-9.7"),
+    ("0", "0", "0"),
+]
 _LENGTHS = st.sampled_from([0, 0, 0.3, -0.25, 0.1])
 
 
 @st.composite
-def trees(draw, *, most: int = 4, angles=_ANGLES, rotors: bool = False) -> Robot:
+def trees(
+    draw,
+    *,
+    most: int = 4,
+    angles=_ANGLES,
+    rotors: bool = False,
+    friction: bool = False,
+    symbols: bool = False,
+) -> Robot:
     """Return a random tree of revolute and prismatic joints with a random gravity."""
     size = draw(st.integers(1, most))
     joints = []
     for index in range(size):
         alpha, theta = draw(angles), draw(angles)
-        a, d = draw(_LENGTHS), draw(_LENGTHS)
-        placement = place_modified_dh(find_angle(alpha), Exact.of(a), Exact.of(d), find_angle(theta))
+        a, d = Exact.of(draw(_LENGTHS)), Exact.of(draw(_LENGTHS))
+        if symbols and draw(st.booleans()):
+            a, d = Exact.symbol(f"A{index}"), Exact.symbol(f"D{index}")
+        placement = place_modified_dh(find_angle(alpha), a, d, find_angle(theta))
+        kind = draw(st.sampled_from(FrictionKind)) if friction else FrictionKind.NONE
         joints.append(
             Joint(
                 name=f"joint{index + 1}",
@@ -123,11 +141,10 @@ def trees(draw, *, most: int = 4, angles=_ANGLES, rotors: bool = False) -> Robot
                 parent=draw(st.integers(-1, index - 1)),
                 placement=placement,
                 drive=Drive(has_rotor=rotors and draw(st.booleans())),
+                friction=FrictionValues(kind=kind),
             )
         )
-    gravity = draw(
-        st.sampled_from([("0", "0", "-9.81"), ("0", "-9.81", "0"), ("0.3", "-0.5", "-9.7"), ("0", "0", "0")])
-    )
+    gravity = draw(st.sampled_from(_GRAVITIES))
     return Robot(name="tree", joints=tuple(joints), gravity=tuple(Exact.of(value) for value in gravity))
 
 

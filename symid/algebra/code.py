@@ -12,14 +12,14 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 
-from symid.algebra.scalar import State
+from symid.algebra.scalar import OperatorAlgebra, State
 from symid.robot.geometry import Exact
 
 __all__ = ["CodeAlgebra", "build_code_state"]
 
 
 @dataclass(frozen=True, slots=True)
-class CodeAlgebra:
+class CodeAlgebra(OperatorAlgebra[ca.SX]):
     """SX scalars; `symbols` holds the values of symbolic lengths in m."""
 
     symbols: Mapping[str, float] = field(default_factory=dict)
@@ -38,25 +38,17 @@ class CodeAlgebra:
         """Return the double nearest to `value`."""
         return ca.SX(value.to_float(self.symbols))
 
-    def add(self, left: ca.SX, right: ca.SX) -> ca.SX:
-        """Return left + right."""
-        return left + right
-
-    def sub(self, left: ca.SX, right: ca.SX) -> ca.SX:
-        """Return left - right."""
-        return left - right
-
-    def mul(self, left: ca.SX, right: ca.SX) -> ca.SX:
-        """Return left * right."""
-        return left * right
-
-    def neg(self, value: ca.SX) -> ca.SX:
-        """Return -value."""
-        return -value
-
     def half(self, value: ca.SX) -> ca.SX:
         """Return value / 2."""
         return 0.5 * value
+
+    def sign(self, value: ca.SX) -> ca.SX:
+        """Return -1, 0 or 1."""
+        return ca.sign(value)
+
+    def absolute(self, value: ca.SX) -> ca.SX:
+        """Return |value|."""
+        return ca.fabs(value)
 
 
 def build_code_state(q: ca.SX, dq: ca.SX, ddq: ca.SX) -> State[ca.SX]:

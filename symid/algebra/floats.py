@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from symid.algebra.scalar import State
+from symid.algebra.scalar import OperatorAlgebra, State
 from symid.arrays import FloatArray
 from symid.robot.geometry import Exact
 
@@ -16,7 +16,7 @@ __all__ = ["FloatAlgebra", "build_float_state"]
 
 
 @dataclass(frozen=True, slots=True)
-class FloatAlgebra:
+class FloatAlgebra(OperatorAlgebra[FloatArray]):
     """Arrays of doubles; `symbols` holds the values of symbolic lengths in m."""
 
     symbols: Mapping[str, float] = field(default_factory=dict)
@@ -34,22 +34,6 @@ class FloatAlgebra:
     def constant(self, value: Exact) -> FloatArray:
         """Return the double nearest to `value`."""
         return np.float64(value.to_float(self.symbols))  # type: ignore[return-value]  # as above
-
-    def add(self, left: FloatArray, right: FloatArray) -> FloatArray:
-        """Return left + right."""
-        return left + right
-
-    def sub(self, left: FloatArray, right: FloatArray) -> FloatArray:
-        """Return left - right."""
-        return left - right
-
-    def mul(self, left: FloatArray, right: FloatArray) -> FloatArray:
-        """Return left * right."""
-        return left * right
-
-    def neg(self, value: FloatArray) -> FloatArray:
-        """Return -value."""
-        return -value
 
     def half(self, value: FloatArray) -> FloatArray:
         """Return value / 2."""

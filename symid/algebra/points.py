@@ -12,7 +12,7 @@ from sympy import QQ
 from sympy.polys.domains.domain import Domain
 
 from symid.algebra.exact import find_constant
-from symid.algebra.scalar import State
+from symid.algebra.scalar import OperatorAlgebra, State
 from symid.robot.description import Robot
 from symid.robot.geometry import Exact
 
@@ -20,7 +20,7 @@ __all__ = ["PointAlgebra", "build_point_state"]
 
 
 @dataclass(frozen=True, slots=True)
-class PointAlgebra:
+class PointAlgebra(OperatorAlgebra[Any]):
     """Numbers of `domain`; `values` holds those of the symbolic lengths."""
 
     domain: Domain
@@ -39,22 +39,6 @@ class PointAlgebra:
     def constant(self, value: Exact) -> Any:  # noqa: ANN401  as above
         """Return an exact number, symbolic lengths replaced by their values."""
         return find_constant(value, self.domain, self.values)
-
-    def add(self, left: Any, right: Any) -> Any:  # noqa: ANN401  as above
-        """Return left + right."""
-        return left + right
-
-    def sub(self, left: Any, right: Any) -> Any:  # noqa: ANN401  as above
-        """Return left - right."""
-        return left - right
-
-    def mul(self, left: Any, right: Any) -> Any:  # noqa: ANN401  as above
-        """Return left * right."""
-        return left * right
-
-    def neg(self, value: Any) -> Any:  # noqa: ANN401  as above
-        """Return -value."""
-        return -value
 
     def half(self, value: Any) -> Any:  # noqa: ANN401  as above
         """Return value / 2."""

@@ -7,12 +7,13 @@ A carrier supplies add, mul, neg and constants; signs, zeros and ones are handle
 carrier itself, so that the recursion need not know them.
 """
 
+import operator
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
 from symid.robot.geometry import Exact
 
-__all__ = ["Algebra", "State", "T"]
+__all__ = ["Algebra", "OperatorAlgebra", "State", "T"]
 
 T = TypeVar("T")
 
@@ -62,3 +63,27 @@ class State(Generic[T]):
     position: tuple[T, ...]
     velocity: tuple[T, ...]
     acceleration: tuple[T, ...]
+
+
+class OperatorAlgebra(Generic[T]):
+    """The operations of a carrier whose numbers have the usual operators."""
+
+    def add(self, left: T, right: T) -> T:
+        """Return left + right."""
+        result: T = operator.add(left, right)
+        return result
+
+    def sub(self, left: T, right: T) -> T:
+        """Return left - right."""
+        result: T = operator.sub(left, right)
+        return result
+
+    def mul(self, left: T, right: T) -> T:
+        """Return left * right."""
+        result: T = operator.mul(left, right)
+        return result
+
+    def neg(self, value: T) -> T:
+        """Return -value."""
+        result: T = operator.neg(value)  # type: ignore[arg-type]  # T has operators here
+        return result

@@ -10,7 +10,7 @@ from symid.codegen.describe import BANNER, Material
 from symid.codegen.functions import Port
 from symid.codegen.instructions import Program
 from symid.codegen.printing import find_literal
-from symid.codegen.reference import Reference
+from symid.codegen.reference import FLOOR, NEGLIGIBLE, Reference
 
 __all__ = ["build_control_loop", "build_self_test"]
 
@@ -69,6 +69,8 @@ def build_self_test(material: Material, tolerance: str) -> SelfTestContext:
         prefix=material.prefix,
         real=real,
         tolerance=tolerance,
+        negligible=repr(NEGLIGIBLE),
+        floor=repr(FLOOR),
         state_count=material.options.states,
         test_count=len(material.programs),
         tests=tuple(_build_test(program, reference, real) for program, reference in pairs),

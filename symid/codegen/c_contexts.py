@@ -72,6 +72,7 @@ class InfoContext:
     prefix: str
     version: str
     signature: str
+    digest: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,6 +106,8 @@ class SelfTestContext:
     prefix: str
     real: str
     tolerance: str
+    negligible: str
+    floor: str
     state_count: int
     test_count: int
     tests: tuple[SelfTest, ...]

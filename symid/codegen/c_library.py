@@ -11,6 +11,7 @@ Not supported: values baked in as constants (parameters are arguments).
 import re
 
 from symid import __version__
+from symid.codegen.build_digest import find_build_digest
 from symid.codegen.c_checks import build_control_loop, build_self_test
 from symid.codegen.c_contexts import (
     CMakeContext,
@@ -29,7 +30,7 @@ from symid.codegen.instructions import Operations, Program
 from symid.codegen.options import GenerateOptions
 from symid.codegen.printing import print_c
 from symid.codegen.templates import write_template
-from symid.codegen.writer import SourceSet
+from symid.codegen.writer import SourceSet, find_digest
 
 __all__ = ["TOLERANCES", "generate_c_library"]
 
@@ -98,7 +99,7 @@ def _write_header(material: Material) -> str:
         banner=BANNER,
         prefix=material.prefix,
         macro=_find_macro(material),
-        robot=card.robot,
+        robot=material.robot,
         joint_count=card.size,
         beta_count=len(card.beta),
         friction_count=len(card.friction),
@@ -139,10 +140,23 @@ def _write_function(material: Material, program: Program) -> str:
 
 def _write_sources(material: Material) -> list[tuple[str, str]]:
     prefix = material.prefix
-    info = InfoContext(banner=BANNER, prefix=prefix, version=__version__, signature=material.card.signature)
-    files = [(f"{prefix}_info.c", write_template("c/info.c.jinja", info))]
     written = ((program.spec.name, _write_function(material, program)) for program in material.programs)
-    return [*files, *((f"{prefix}_{name}.c", text) for name, text in written)]
+    functions = [(f"{prefix}_{name}.c", text) for name, text in written]
+    header = (f"{prefix}.h", _write_header(material))
+    info = InfoContext(
+        banner=BANNER,
+        prefix=prefix,
+        version=__version__,
+        signature=material.card.signature,
+        digest=find_build_digest(
+            material.card,
+            prefix=prefix,
+            precision=material.options.precision,
+            files={path: find_digest(text.encode()) for path, text in (header, *functions)},
+        ),
+    )
+    # In the order in which an update moves them in: a folder that holds a new function holds the new digest.
+    return [header, (f"{prefix}_info.c", write_template("c/info.c.jinja", info)), *functions]
 
 
 def _write_build_files(
@@ -161,7 +175,7 @@ def _write_build_files(
     cmake = CMakeContext(
         banner=BANNER, prefix=prefix, cmake_version=version, sources=sources, programs=programs
     )
-    package = PackageContext(prefix=prefix, robot=material.card.robot, cmake_version=version)
+    package = PackageContext(prefix=prefix, robot=material.robot, cmake_version=version)
     return [
         ("Makefile", write_template("c/Makefile.jinja", make)),
         ("CMakeLists.txt", write_template("c/CMakeLists.txt.jinja", cmake)),
@@ -176,7 +190,7 @@ def _write_readme(material: Material, tolerance: str) -> str:
     )
     context = ReadmeContext(
         prefix=material.prefix,
-        robot=material.card.robot,
+        robot=material.robot,
         real=material.options.precision,
         version=__version__,
         tolerance=tolerance,
@@ -198,9 +212,8 @@ def generate_c_library(functions: Functions, options: GenerateOptions | None = N
     example = build_control_loop(material)
     if example is not None:
         programs.append(("control_loop", write_template("c/control_loop.c.jinja", example)))
-    names = tuple(path for path, _ in sources)
+    names = tuple(path for path, _ in sources if path.endswith(".c"))
     files = [
-        (f"{material.prefix}.h", _write_header(material)),
         *sources,
         *((f"{name}.c", text) for name, text in programs),
         *_write_build_files(material, names, tuple(name for name, _ in programs)),

@@ -2,10 +2,10 @@
 
 Input: a robot. Output: `Library`, from the cache or made now.
 
-The signature covers the robot (not its log mapping), the versions of symid, CasADi and SymPy, the
-bytes of the templates and of the modules that derive and print, the compiler and its flags. An
-entry is a folder that appears by one rename; it is used only if every file in it still has the
-digest noted when it was made.
+The signature covers what of the robot its functions depend on (not limits, motors, logs, prose), the
+versions of symid, CasADi and SymPy, the bytes of the templates and of the modules that derive and
+print, the compiler and its flags, the machine. An entry is a folder that appears by one rename; it is
+used only if every file in it still has the digest noted when it was made.
 
 Supported: several processes at once; machines without a compiler, which get the NumPy module.
 Not supported: removal of old entries; the folder may be deleted at any time.
@@ -13,28 +13,31 @@ Not supported: removal of old entries; the folder may be deleted at any time.
 
 import contextlib
 import json
-import os
+import platform
 import secrets
 import shutil
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from symid import __version__
-from symid.codegen.compiler import Compiler, compile_sources, find_compiler
+from symid.codegen.cache_folder import find_cache_folder, find_user_folder, make_temporary_folder
+from symid.codegen.compiler import CANDIDATES, Compiler, compile_sources, find_compiler
 from symid.codegen.library import Library, load_library
+from symid.codegen.names import find_prefix
 from symid.codegen.templates import find_template_bytes
 from symid.codegen.writer import MANIFEST, find_digest, write_sources
 from symid.errors import Notice, OutputError
 from symid.provenance import find_signature
-from symid.robot.description import Robot
+from symid.robot.description import Joint, Limits, LogMap, Processing, Robot
 
 __all__ = ["find_cache_folder", "find_library_key", "prepare_library"]
 
 _SEAL = "seal.json"
 _ROOMS = ("robot", "algebra", "joint", "dynamics", "codegen")
+_MODULES = ("arrays", "errors", "notation", "provenance", "resources")
 _PACKAGE = Path(__file__).resolve().parent.parent
 
 
@@ -48,14 +51,6 @@ class _Order:
     progress: Callable[[str], None]
 
 
-def find_cache_folder() -> Path:
-    """Return `symid` in the user's cache folder, as the XDG base directory specification has it."""
-    home = os.environ.get("XDG_CACHE_HOME", "")
-    # A relative path there is to be ignored, says the specification.
-    root = Path(home) if Path(home).is_absolute() else Path.home() / ".cache"
-    return root / "symid"
-
-
 def _find_version(package: str) -> str:
     try:
         return version(package)
@@ -65,27 +60,41 @@ def _find_version(package: str) -> str:
 
 def _find_code_bytes() -> tuple[tuple[str, bytes], ...]:
     paths = sorted(path for room in _ROOMS for path in (_PACKAGE / room).glob("*.py"))
+    paths += [_PACKAGE / f"{name}.py" for name in _MODULES]
     return tuple((path.relative_to(_PACKAGE).as_posix(), path.read_bytes()) for path in paths)
+
+
+def _keep_model(robot: Robot) -> Robot:
+    """Return `robot` without what its functions do not depend on."""
+
+    def keep(joint: Joint) -> Joint:
+        return replace(joint, limits=Limits(), drive=replace(joint.drive, torque_constant=None))
+
+    return replace(
+        robot,
+        joints=tuple(map(keep, robot.joints)),
+        convention="",
+        description="",
+        source="",
+        log=LogMap(),
+        processing=Processing(),
+        path="",
+        notices=(),
+    )
 
 
 def find_library_key(robot: Robot, names: tuple[str, ...] | None, compiler: Compiler | None) -> str:
     """Return the signature of all that a library is made from."""
-    model = (robot.name, robot.joints, robot.gravity, robot.symbols, robot.convention)
     tools = (__version__, _find_version("casadi"), _find_version("sympy"), _find_version("mpmath"))
     built_by = compiler or f"python {sys.version_info.major}.{sys.version_info.minor}"
-    return find_signature(
-        model, names, tools, find_template_bytes("c", "python"), _find_code_bytes(), built_by
-    )
+    machine = (platform.system(), platform.machine())
+    templates = find_template_bytes("c", "python")
+    return find_signature(_keep_model(robot), names, tools, machine, templates, _find_code_bytes(), built_by)
 
 
 def _read_digests(folder: Path) -> dict[str, str]:
-    # Byte code that Python writes beside a module is not part of the entry.
-    paths = sorted(p for p in folder.rglob("*") if p.is_file() and "__pycache__" not in p.parts)
-    return {
-        path.relative_to(folder).as_posix(): find_digest(path.read_bytes())
-        for path in paths
-        if path.name != _SEAL
-    }
+    paths = sorted(path for path in folder.rglob("*") if path.is_file() and path.name != _SEAL)
+    return {path.relative_to(folder).as_posix(): find_digest(path.read_bytes()) for path in paths}
 
 
 def _find_damage(entry: Path, key: str) -> str:
@@ -138,20 +147,64 @@ def _store_entry(order: _Order, entry: Path, key: str) -> None:
     staging = entry.parent / f".new-{secrets.token_hex(6)}"
     try:
         _make_entry(order, staging, key)
-        # Another process may have been faster: what it made is as good.
-        with contextlib.suppress(OSError):
+        try:
             staging.rename(entry)
+        except OSError:
+            # Another process may have been faster: what it made is as good.
+            if _find_damage(entry, key):
+                raise
     finally:
         shutil.rmtree(staging, ignore_errors=True)
 
 
-def _find_notices(order: _Order, damage: str, entry: Path) -> tuple[Notice, ...]:
+def _obtain_entry(order: _Order, folder: Path, key: str) -> tuple[Path, str]:
+    """Return the entry in `folder`, made if it has to be, and what was wrong with the one before."""
+    entry = folder / f"{find_prefix(order.robot.name)}-{key[:24]}"
+    damage = ""
+    try:
+        if not entry.is_dir() or (damage := _find_damage(entry, key)):
+            folder.mkdir(parents=True, exist_ok=True)
+            _discard(entry)
+            _store_entry(order, entry, key)
+    except OSError as error:
+        text = f"the cache folder cannot be written: {error.strerror or error}"
+        raise OutputError(Notice(code="output.cache", text=text, file=str(folder))) from error
+    return entry, damage
+
+
+def _obtain_temporary(order: _Order, key: str, reason: str) -> tuple[Path, str, Notice]:
+    try:
+        folder = make_temporary_folder()
+    except OSError as error:
+        text = f"{reason}; nor is there a place for temporary files: {error.strerror or error}"
+        raise OutputError(Notice(code="output.cache", text=text)) from error
+    entry, damage = _obtain_entry(order, folder, key)
+    text = f"{reason}; libraries are kept in this temporary folder; set XDG_CACHE_HOME to a folder of yours"
+    return entry, damage, Notice(code="codegen.cache-temporary", text=text, file=str(folder))
+
+
+def _obtain(order: _Order, key: str) -> tuple[Path, str, tuple[Notice, ...]]:
+    """Return the entry in the user's cache; in a temporary folder, with a notice, where that cannot be."""
+    folder = find_user_folder()
+    if folder is None:
+        reason = "there is no home folder to keep compiled libraries in"
+    else:
+        try:
+            return (*_obtain_entry(order, folder, key), ())
+        except OutputError as error:
+            reason = str(error)
+    entry, damage, notice = _obtain_temporary(order, key, reason)
+    return entry, damage, (notice,)
+
+
+def _find_notices(damage: str, entry: Path, found: Compiler | None, wanted: str | None) -> tuple[Notice, ...]:
     notices = []
     if damage:
         text = f"the cached library was not used and made again: {damage}"
         notices.append(Notice(code="codegen.cache-rebuilt", text=text, file=str(entry)))
-    if order.compiler is None:
-        text = "no C compiler (cc, gcc, clang) was found; the NumPy module is used, which is slower"
+    if found is None:
+        names = f"the C compiler {wanted!r}" if wanted else f"a C compiler ({', '.join(CANDIDATES)})"
+        text = f"{names} was not found; the NumPy module is used, which is slower"
         notices.append(Notice(code="codegen.no-compiler", text=text))
     return tuple(notices)
 
@@ -170,26 +223,17 @@ def prepare_library(
         robot: its log mapping and processing take no part.
         progress: told what is being done, if something has to be done.
         names: functions to include; None for all.
-        cache: folder of the cache; None for `find_cache_folder()`.
+        cache: folder of the cache; None for `find_cache_folder()`, and if that cannot be written, a
+            temporary folder, of which a notice tells.
         compiler: command of the C compiler; None for the first of cc, gcc, clang.
 
     Raises:
         RobotError: the robot is not supported.
         GenerationError: the compiler fails on generated code.
-        OutputError: the cache folder cannot be written.
+        OutputError: the folder `cache`, or the temporary one, cannot be written.
     """
     found = find_compiler(compiler)
     order = _Order(robot=robot, names=names, compiler=found, progress=progress or (lambda _: None))
     key = find_library_key(robot, names, found)
-    folder = cache or find_cache_folder()
-    entry = folder / f"{robot.name}-{key[:24]}"
-    damage = ""
-    if not entry.is_dir() or (damage := _find_damage(entry, key)):
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            _discard(entry)
-            _store_entry(order, entry, key)
-        except OSError as error:
-            text = f"the cache folder cannot be written: {error.strerror or error}"
-            raise OutputError(Notice(code="output.cache", text=text, file=str(folder))) from error
-    return load_library(entry, notices=_find_notices(order, damage, entry))
+    entry, damage, notices = _obtain(order, key) if cache is None else (*_obtain_entry(order, cache, key), ())
+    return load_library(entry, notices=(*notices, *_find_notices(damage, entry, found, compiler)))

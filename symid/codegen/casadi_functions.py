@@ -74,18 +74,6 @@ class _Build:
         return (self.recursion.algebra.zero,) * self.robot.size
 
 
-class _FrictionAlgebra(CodeAlgebra):
-    """SX with a sign function, for friction columns."""
-
-    def sign(self, value: ca.SX) -> ca.SX:
-        """Return -1, 0 or 1."""
-        return ca.sign(value)
-
-    def absolute(self, value: ca.SX) -> ca.SX:
-        """Return |value|."""
-        return ca.fabs(value)
-
-
 def _start(robot: Robot, base: BaseParameters) -> _Build:
     n = robot.size
     names = ("q", "dq", "ddq", "dqr", "ddqr", "tau")
@@ -227,7 +215,7 @@ def _slotine_li(build: _Build) -> tuple[ca.SX, ...]:
 
 def _friction_matrix(build: _Build) -> ca.SX:
     """Return the friction regressor: columns of the representatives, each in its joint's row."""
-    algebra = _FrictionAlgebra()
+    algebra = CodeAlgebra()
     matrix = ca.SX.zeros(build.robot.size, len(build.base.friction))
     for k, parameter in enumerate(build.base.friction):
         joint, name = parameter.label
@@ -284,7 +272,10 @@ def build_model_card(robot: Robot, base: BaseParameters, specs: tuple[FunctionSp
     )
     return ModelCard(
         robot=robot.name,
-        signature=find_model_signature(robot),
+        signature=find_model_signature(
+            robot,
+            [(parameter.name, parameter.expression) for parameter in (*base.parameters, *base.friction)],
+        ),
         joints=joints,
         beta=tuple(
             _write_card(robot, parameter, values.get(parameter.name)) for parameter in base.parameters

@@ -16,10 +16,10 @@ from pathlib import Path
 
 from symid.errors import GenerationError, Notice
 
-__all__ = ["FLAGS", "Compiler", "compile_sources", "find_compiler"]
+__all__ = ["CANDIDATES", "FLAGS", "Compiler", "compile_sources", "find_compiler"]
 
 FLAGS = ("-std=c99", "-O2", "-fPIC")
-_CANDIDATES = ("cc", "gcc", "clang")
+CANDIDATES = ("cc", "gcc", "clang")
 _WORKERS = 2
 _TIMEOUT = 600.0
 
@@ -47,7 +47,7 @@ def _run(command: Sequence[str]) -> str:
 
 def find_compiler(command: str | None = None) -> Compiler | None:
     """Return the first compiler that answers, or None; with `command`, that one alone."""
-    for name in (command,) if command else _CANDIDATES:
+    for name in (command,) if command else CANDIDATES:
         path = shutil.which(name)
         if path is None:
             continue

@@ -8,7 +8,7 @@ leading axis.
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -89,7 +89,7 @@ class JointCard:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelCard:
-    """The model behind a set of functions; `signature` is that of the robot and the derivation.
+    """The model behind a set of functions; `signature` is that of `find_model_signature`.
 
     `beta` describes the base inertial parameters (drives included), `friction` the friction
     parameters; both in the order of the vectors of the same names. Values are those of the
@@ -144,14 +144,16 @@ def read_model_card(text: str) -> ModelCard:
     )
 
 
-def find_model_signature(robot: Robot) -> str:
-    """Return the signature of what the functions of `robot` depend on.
+def find_model_signature(robot: Robot, parameters: Sequence[tuple[str, str]]) -> str:
+    """Return the signature of a model: what two sets of numbers must share to mean the same.
 
-    Names, joints, placements, drives with a rotor, friction models, gravity and lengths; not the values of
-    parameters (they are arguments), nor how its logs read.
+    Args:
+        robot: names, joints, placements, drives with a rotor, friction models, gravity and lengths count;
+            not the values of parameters (they are arguments), nor how its logs read.
+        parameters: name and expression of every base and friction parameter, in order.
     """
     joints = tuple(
         (joint.name, joint.kind, joint.parent, joint.placement, joint.drive.has_rotor, joint.friction.kind)
         for joint in robot.joints
     )
-    return find_signature(robot.name, joints, robot.gravity, robot.symbols)
+    return find_signature(robot.name, joints, robot.gravity, robot.symbols, tuple(parameters))

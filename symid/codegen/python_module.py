@@ -14,7 +14,7 @@ from symid.codegen.functions import Port
 from symid.codegen.instructions import Operations, Program
 from symid.codegen.options import GenerateOptions
 from symid.codegen.printing import print_python
-from symid.codegen.reference import Reference
+from symid.codegen.reference import FLOOR, NEGLIGIBLE, Reference
 from symid.codegen.templates import write_template
 from symid.codegen.writer import SourceSet
 
@@ -55,6 +55,8 @@ class ModuleContext:
     version: str
     signature: str
     tolerance: str
+    negligible: str
+    floor: str
     names: str
     joint_count: int
     joint_lines: tuple[str, ...]
@@ -126,10 +128,12 @@ def _write_module(material: Material) -> str:
     counted = zip(programs, material.operations, strict=True)
     context = ModuleContext(
         banner=BANNER,
-        robot=material.card.robot,
+        robot=material.robot,
         version=__version__,
         signature=material.card.signature,
         tolerance=_TOLERANCE,
+        negligible=repr(NEGLIGIBLE),
+        floor=repr(FLOOR),
         names=", ".join(f'"{program.spec.name}"' for program in programs),
         joint_count=material.card.size,
         joint_lines=material.joint_lines,
@@ -148,7 +152,7 @@ def generate_python_module(functions: Functions, options: GenerateOptions | None
         GenerationError: a function holds an operation without a NumPy form, or disagrees with itself.
     """
     material = prepare_material(functions, options or GenerateOptions())
-    readme = ModuleReadmeContext(prefix=material.prefix, robot=material.card.robot, version=__version__)
+    readme = ModuleReadmeContext(prefix=material.prefix, robot=material.robot, version=__version__)
     files = (
         (f"{material.prefix}.py", _write_module(material)),
         ("README.md", write_template("python/README.md.jinja", readme)),

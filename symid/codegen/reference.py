@@ -22,11 +22,18 @@ from symid.codegen.instructions import Instruction, Op, Program
 from symid.codegen.options import GenerateOptions
 from symid.errors import GenerationError, Notice
 
-__all__ = ["Reference", "build_references"]
+__all__ = ["FLOOR", "NEGLIGIBLE", "Reference", "build_references"]
+
+# Errors are measured by the largest value of an output; one below NEGLIGIBLE is zero but for rounding, and
+# FLOOR stands in for its size.
+NEGLIGIBLE = 1e-12
+FLOOR = 0.01
 
 _DIGITS = 40
 _AGREEMENT = 1e-8
 _DRAWS = 40
+_ATTEMPTS = 4
+_CONDITION = 1e6
 _RANGES = {"q": 3.0, "dq": 2.0, "ddq": 5.0, "tau": 20.0}
 
 _RULES: dict[Op, Callable[..., Any]] = {
@@ -57,6 +64,11 @@ class Reference:
     outputs: tuple[tuple[tuple[float, ...], ...], ...]
 
 
+def _fail_value(program: Program, why: str) -> GenerationError:
+    text = f"function {program.spec.name!r} has no value at a state of the self-test: {why}"
+    return GenerationError(Notice(code="codegen.no-reference", text=text))
+
+
 def _evaluate(program: Program, inputs: Sequence[Sequence[float]]) -> tuple[tuple[float, ...], ...]:
     values: list[Any] = [None]
 
@@ -71,11 +83,18 @@ def _evaluate(program: Program, inputs: Sequence[Sequence[float]]) -> tuple[tupl
             return mpmath.mpf(instruction.constant)
         return _RULES[instruction.op](*map(read, instruction.args))
 
-    with mpmath.workdps(_DIGITS):
-        for instruction in program.instructions:
-            values.append(compute(instruction))  # noqa: PERF401  later values need earlier ones
-        # Adding zero turns a negative zero into zero.
-        return tuple(tuple(float(read(ref)) + 0.0 for ref in refs) for refs in program.outputs)
+    try:
+        with mpmath.workdps(_DIGITS):
+            for instruction in program.instructions:
+                values.append(compute(instruction))  # noqa: PERF401  later values need earlier ones
+            # Adding zero turns a negative zero into zero.
+            outputs = tuple(tuple(float(read(ref)) + 0.0 for ref in refs) for refs in program.outputs)
+    except (ArithmeticError, ValueError, TypeError) as error:
+        # Division by zero, and what mpmath raises or returns outside a function's domain.
+        raise _fail_value(program, repr(error)) from error
+    if not all(np.isfinite(values).all() for values in outputs):
+        raise _fail_value(program, "an output is not finite")
+    return outputs
 
 
 def _draw(port: Port, rng: np.random.Generator) -> tuple[float, ...]:
@@ -93,30 +112,33 @@ def _call(function: ca.Function, program: Program, inputs: Sequence[Sequence[flo
     return [np.asarray(result.full()).ravel() for result in results]
 
 
-def _choose_beta(
+def _find_candidates(
     card: ModelCard, functions: Sequence[ca.Function], programs: Sequence[Program], rng: np.random.Generator
-) -> tuple[float, ...]:
-    """Return known values, or random ones under which the mass matrix is far from singular.
+) -> list[tuple[float, ...]]:
+    """Return values of beta to try: the known ones if they are fit, then the best of random ones.
 
-    Random base parameters belong to no robot: a mass matrix near a singular one would make the
-    forward dynamics a test of rounding.
+    Random base parameters belong to no robot, and the values in a robot file may leave a joint without
+    inertia: a mass matrix close to a singular one would make the forward dynamics a test of rounding.
     """
-    known = [parameter.value for parameter in card.beta]
-    if all(value is not None for value in known):
-        return tuple(float(value) for value in known if value is not None)
-    beta = Port(name="beta", shape=(len(known),), unit="", meaning="", shared=True)
+    stated = [parameter.value for parameter in card.beta]
+    known = tuple(float(value) for value in stated if value is not None)
+    beta = Port(name="beta", shape=(len(stated),), unit="", meaning="", shared=True)
     draws = [_draw(beta, rng) for _ in range(_DRAWS)]
+    given = [known] if len(known) == len(stated) else []
     found = [k for k, program in enumerate(programs) if program.spec.name == "mass_matrix"]
     if not found:
-        return draws[0]
+        return [*given, *draws][:_ATTEMPTS]
     function, program = functions[found[0]], programs[found[0]]
     states = [_draw(program.spec.inputs[0], rng) for _ in range(4)]
 
     def find_condition(values: tuple[float, ...]) -> float:
         matrices = [_call(function, program, (q, values))[0].reshape(card.size, -1) for q in states]
+        if not all(np.isfinite(matrix).all() for matrix in matrices):
+            return np.inf
         return max(float(np.linalg.cond(matrix)) for matrix in matrices)
 
-    return min(draws, key=find_condition)
+    kept = [values for values in given if find_condition(values) < _CONDITION]
+    return [*kept, *sorted(draws, key=find_condition)][:_ATTEMPTS]
 
 
 def _check(
@@ -126,8 +148,11 @@ def _check(
     exact: Sequence[Sequence[float]],
 ) -> None:
     for port, mine, theirs in zip(program.spec.outputs, exact, _call(function, program, inputs), strict=True):
-        scale = max(1.0, float(np.max(np.abs(theirs), initial=0.0)))
-        error = float(np.max(np.abs(np.array(mine) - theirs), initial=0.0)) / scale
+        largest = float(np.max(np.abs(mine), initial=0.0))
+        scale = FLOOR if largest < NEGLIGIBLE else largest
+        # What is not finite there fails the comparison.
+        with np.errstate(invalid="ignore"):
+            error = float(np.max(np.abs(np.array(mine) - theirs), initial=0.0)) / scale
         if not error <= _AGREEMENT:
             text = (
                 f"function {program.spec.name!r}, output {port.name!r}: the program and CasADi differ by "
@@ -136,16 +161,14 @@ def _check(
             raise GenerationError(Notice(code="codegen.disagrees", text=text))
 
 
-def build_references(
-    card: ModelCard, functions: Sequence[ca.Function], programs: Sequence[Program], options: GenerateOptions
+def _build(
+    functions: Sequence[ca.Function],
+    programs: Sequence[Program],
+    beta: tuple[float, ...],
+    options: GenerateOptions,
 ) -> tuple[Reference, ...]:
-    """Return inputs and outputs of every function at random states.
-
-    Raises:
-        GenerationError: a program does not compute what CasADi computes.
-    """
     rng = np.random.default_rng(options.seed)
-    shared = {"beta": _choose_beta(card, functions, programs, rng)}
+    shared = {"beta": beta}
     references = []
     for function, program in zip(functions, programs, strict=True):
         columns: list[list[tuple[float, ...]]] = [[] for _ in program.spec.inputs]
@@ -163,3 +186,21 @@ def build_references(
         kept = (c[:1] if port.shared else c for port, c in zip(program.spec.inputs, columns, strict=True))
         references.append(Reference(inputs=tuple(map(tuple, kept)), outputs=tuple(map(tuple, results))))
     return tuple(references)
+
+
+def build_references(
+    card: ModelCard, functions: Sequence[ca.Function], programs: Sequence[Program], options: GenerateOptions
+) -> tuple[Reference, ...]:
+    """Return inputs and outputs of every function at random states.
+
+    Raises:
+        GenerationError: a program does not compute what CasADi computes, or has no value anywhere.
+    """
+    rng = np.random.default_rng((options.seed, 1))
+    failures = []
+    for beta in _find_candidates(card, functions, programs, rng):
+        try:
+            return _build(functions, programs, beta, options)
+        except GenerationError as error:
+            failures.append(error)
+    raise failures[-1]

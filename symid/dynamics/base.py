@@ -99,9 +99,11 @@ def _expand(robot: Robot, transports: Sequence[Transport], joint: int, row: Row)
         for child, other in enumerate(robot.joints):
             if other.parent == link:
                 pending.append((child, apply(part, transports[child].parameters[0])))
-    for column, name in ((ROTOR, "IA"), (OFFSET, "offset")):
-        if column in row:
-            result[joint, name] = row[column]
+    if ROTOR in row:
+        result[joint, "IA"] = row[ROTOR]
+    if OFFSET in row:
+        model = FRICTION_MODELS[robot.joints[joint].friction.kind]
+        result |= {(joint, name): row[OFFSET] * sign for name, sign in model.constant}
     return result
 
 
@@ -117,10 +119,8 @@ def _collect_rows(robot: Robot, field: Domain) -> tuple[list[dict[Label, Any]], 
         echelon = find_visible_rows(joint.kind, parent, transports[index], one, rotor=joint.drive.has_rotor)
         rows += [_expand(robot, transports, index, row) for row in echelon.rows]
         visible.append(find_visible(joint.kind, parent, transports[index], one))
-        # Viscous and Coulomb friction depend on the own velocity as nothing else does.
-        for name in FRICTION_MODELS[joint.friction.kind].parameters:
-            if name != "offset":
-                rows.append({(index, name): one})
+        for combination in FRICTION_MODELS[joint.friction.kind].shows:
+            rows.append({(index, name): sign * one for name, sign in combination})
     return rows, visible
 
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 from symid.algebra.scalar import Algebra, T
 from symid.algebra.vectors import Matrix, Vector, add, dot, multiply_matrices, scale, transpose
-from symid.dynamics.kinematics import Frame, Recursion, lift_vector
+from symid.dynamics.kinematics import Frame, Recursion, find_turn, lift_vector
 from symid.dynamics.wrenches import Wrench, lift_wrench, project_on_axis
 
 __all__ = ["Body", "Parameters", "find_mass_matrix", "gather_body", "lift_body"]
@@ -35,9 +35,7 @@ def _rotate_tensor(algebra: Algebra[T], frame: Frame[T], tensor: Matrix[T]) -> M
     """Return R I R', turned first by the joint's angle, then by the constant rotation."""
     half = tensor
     if frame.turn is not None:
-        c, s = frame.turn
-        zero, one = algebra.zero, algebra.one
-        turn = ((c, algebra.neg(s), zero), (s, c, zero), (zero, zero, one))
+        turn = find_turn(algebra, frame.turn)
         half = multiply_matrices(algebra, multiply_matrices(algebra, turn, tensor), transpose(turn))
     return multiply_matrices(algebra, multiply_matrices(algebra, frame.fixed, half), transpose(frame.fixed))
 

@@ -3,7 +3,7 @@
 Input: what the exact reduction found. Output: sentences and expressions, ASCII.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from sympy import Expr, Rational
 
@@ -85,8 +85,19 @@ def explain_grouping(
     if not members:
         return f"{motion}; no other parameter has the same effect"
     others = ", ".join(f"{other}{link + 1}" for link, other in members)
-    more = "; likewise the others" if len(members) > 1 else ""
-    return f"{motion}; felt only together with {others}: {_explain_transfer(robot, *members[0])}{more}"
+    if len(members) == 1:
+        return f"{motion}; felt only together with {others}: {_explain_transfer(robot, *members[0])}"
+    return f"{motion}; felt only together with {others}. {'; '.join(_explain_members(robot, members))}"
+
+
+def _explain_members(robot: Robot, members: Sequence[Label]) -> Iterator[str]:
+    """Return why parameters join a group: a sentence for the first of each kind, the others behind it."""
+    kinds: dict[str, list[int]] = {}
+    for link, name in members:
+        kinds.setdefault(name, []).append(link)
+    for name, (first, *rest) in kinds.items():
+        alike = f" ({', '.join(f'{name}{link + 1}' for link in rest)}: by their own joints)" if rest else ""
+        yield f"{name}{first + 1}: {_explain_transfer(robot, first, name)}{alike}"
 
 
 def explain_elimination(
@@ -112,10 +123,9 @@ def _explain_transfer(robot: Robot, joint: int, name: str) -> str:
     carrier = f"link {parent + 1}" if parent >= 0 else "the base"
     number = joint + 1
     if name == "IA":
-        own = "ZZ" if robot.joints[joint].kind is JointKind.REVOLUTE else "M"
-        return f"the rotor's energy goes with dq{number}^2 as that of {own}{number} does"
-    if name == "offset":
-        return f"a constant force at joint {number}, as a weight along its axis makes one"
+        return f"the rotor's energy is a multiple of dq{number}^2, which parameters of the links make as well"
+    if name in ("offset", "Fcn"):
+        return f"it holds a constant force at joint {number}, as a weight along its axis makes one"
     if robot.joints[joint].kind is JointKind.PRISMATIC:
         if name in _INERTIA:
             return f"link {number} does not turn against {carrier}, so its inertia adds to that link's"

@@ -27,6 +27,7 @@ __all__ = [
     "find_jacobian",
     "find_motions",
     "find_poses",
+    "find_turn",
     "lift_vector",
     "lower_vector",
 ]
@@ -158,14 +159,17 @@ def build_recursion(robot: Robot, algebra: Algebra[T], state: State[T]) -> Recur
     return Recursion(robot=robot, algebra=algebra, state=state, frames=frames, motions=motions)
 
 
+def find_turn(algebra: Algebra[T], turn: tuple[T, T]) -> Matrix[T]:
+    """Return the rotation about z from (cos, sin)."""
+    c, s = turn
+    zero, one = algebra.zero, algebra.one
+    return ((c, algebra.neg(s), zero), (s, c, zero), (zero, zero, one))
+
+
 def _rotation(algebra: Algebra[T], frame: Frame[T]) -> Matrix[T]:
     if frame.turn is None:
         return frame.fixed
-    c, s = frame.turn
-    zero, one = algebra.zero, algebra.one
-    return multiply_matrices(
-        algebra, frame.fixed, ((c, algebra.neg(s), zero), (s, c, zero), (zero, zero, one))
-    )
+    return multiply_matrices(algebra, frame.fixed, find_turn(algebra, frame.turn))
 
 
 def find_poses(recursion: Recursion[T]) -> tuple[Pose[T], ...]:

@@ -11,16 +11,18 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
+from sympy import Add, Expr, Symbol, latex
 from sympy.polys.rings import PolyElement
 
 from symid.algebra.display import write_latex, write_text
-from symid.algebra.exact import build_exact_state, find_domain
+from symid.algebra.exact import build_exact_state, find_domain, find_symbols
 from symid.algebra.points import PointAlgebra, build_point_state
 from symid.dynamics.base import BaseParameters, find_base_parameters
 from symid.dynamics.kinematics import Motion, build_recursion
 from symid.dynamics.lagrange import ExactEnergy, derive_energy, derive_torque_columns, evaluate_torque_columns
 from symid.dynamics.regressors import Key, find_torque_columns
 from symid.errors import Notice, SymidError
+from symid.notation import INERTIAL
 from symid.robot.description import JointKind, Robot
 
 __all__ = ["Formula", "Step", "derive_lesson"]
@@ -113,7 +115,7 @@ def _describe_energy(energy: ExactEnergy, base: BaseParameters) -> Step:
 def _check_grouping(energy: ExactEnergy, base: BaseParameters) -> str:
     """Return the statement that h pi = h_b K pi holds, coefficient by coefficient, once it was found true."""
     ring = energy.algebra.ring
-    constant = (0,) * len(ring.gens)
+    coordinates = len(ring.gens) - len(find_symbols(energy.robot))
     rest = dict(energy.kinetic), dict(energy.potential)
     for parameter in base.parameters:
         for label, coefficient in parameter.terms:
@@ -122,16 +124,19 @@ def _check_grouping(energy: ExactEnergy, base: BaseParameters) -> str:
             factor = ring.from_expr(coefficient)
             for part, source in zip(rest, (energy.kinetic, energy.potential), strict=True):
                 part[label] -= energy.algebra.mul(factor, source[parameter.label])
-    lost = [label for part in rest for label, value in part.items() if set(value) - {constant}]
+    # A potential that no coordinate changes, as of a link that stays up, is no information.
+    lost = [
+        label for part in rest for label, value in part.items() if any(any(m[:coordinates]) for m in value)
+    ]
     _require(not lost, f"the grouping loses {lost}")
     return "verified exactly: energy per standard parameter = energy per base parameter times the grouping"
 
 
 def _describe_base(base: BaseParameters) -> Step:
     formulas = tuple(
-        Formula(left=p.name, text=p.expression, latex=rf"\mathrm{{{p.expression}}}") for p in base.parameters
+        Formula(left=p.name, text=p.expression, latex=_write_group(p.terms)) for p in base.parameters
     )
-    total = len([label for label in base.labels if label[1] not in _friction_names(base)])
+    total = sum(name in (*INERTIAL, "IA") for _, name in base.labels)
     return Step(
         title="Base parameters",
         sentence=f"Of {total} inertial parameters only {base.count} combinations can be seen in any motion.",
@@ -139,8 +144,10 @@ def _describe_base(base: BaseParameters) -> Step:
     )
 
 
-def _friction_names(base: BaseParameters) -> set[str]:
-    return {parameter.label[1] for parameter in base.friction}
+def _write_group(terms: Sequence[tuple[Key, Expr]]) -> str:
+    """Return a grouping in LaTeX, in its own order."""
+    products = [coefficient * Symbol(f"{name}{joint + 1}") for (joint, name), coefficient in terms]
+    return str(latex(Add(*products, evaluate=False), order="none"))
 
 
 def _describe_torques(robot: Robot, energy: ExactEnergy, base: BaseParameters) -> Step:

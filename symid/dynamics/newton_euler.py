@@ -10,7 +10,7 @@ Supported: trees of revolute and prismatic joints, rotor inertias reflected to t
 """
 
 from symid.algebra.scalar import Algebra, T
-from symid.algebra.vectors import Matrix, Vector, add, cross, dot, scale
+from symid.algebra.vectors import Vector, add, cross, multiply, scale
 from symid.dynamics.composite import Body, Parameters, gather_body
 from symid.dynamics.kinematics import Motion, Recursion, find_motions, lower_vector
 from symid.dynamics.wrenches import (
@@ -88,11 +88,6 @@ def find_reference_rates(
     return tuple(result)
 
 
-def _apply(algebra: Algebra[T], matrix: Matrix[T], vector: Vector[T]) -> Vector[T]:
-    x, y, z = (dot(algebra, row, vector) for row in matrix)
-    return (x, y, z)
-
-
 def _link_wrench(
     algebra: Algebra[T],
     body: Body[T],
@@ -105,8 +100,8 @@ def _link_wrench(
     force = add(
         algebra, scale(algebra, mass, acceleration.linear), cross(algebra, acceleration.angular, moments)
     )
-    spin = cross(algebra, angular, _apply(algebra, tensor, angular))
-    moment = add(algebra, _apply(algebra, tensor, acceleration.angular), spin)
+    spin = cross(algebra, angular, multiply(algebra, tensor, angular))
+    moment = add(algebra, multiply(algebra, tensor, acceleration.angular), spin)
     return Wrench(
         force=add(algebra, force, swing),
         moment=add(algebra, moment, cross(algebra, moments, acceleration.linear)),
@@ -153,7 +148,7 @@ def _find_momentum(algebra: Algebra[T], body: Body[T], angular: Vector[T], linea
     tensor, moments, mass = body
     return Wrench(
         force=add(algebra, scale(algebra, mass, linear), cross(algebra, angular, moments)),
-        moment=add(algebra, _apply(algebra, tensor, angular), cross(algebra, moments, linear)),
+        moment=add(algebra, multiply(algebra, tensor, angular), cross(algebra, moments, linear)),
     )
 
 

@@ -18,6 +18,7 @@ from symid.codegen.functions import ParameterCard
 from symid.codegen.library import Library
 from symid.data.recording import Recording
 from symid.errors import Notice, UsageError
+from symid.identification.doubts import warn_of_mass_matrix, warn_of_pattern, warn_of_processing
 from symid.identification.estimate import Estimate, Outcome, ParameterEstimate
 from symid.identification.identifiability import Identifiability, RankRule, find_identifiability
 from symid.identification.preparation import prepare_rows
@@ -82,7 +83,14 @@ def identify_parameters(
         refused=seen.refused,
         unresolved=_list_unresolved(stacked, fit, seen),
         covariance=_cut_covariance(fit, seen),
-        notices=stacked.notices + seen.notices + _warn_of_vague(parameters),
+        notices=(
+            *warn_of_processing(processing, recordings),
+            *stacked.notices,
+            *seen.notices,
+            *_warn_of_vague(parameters),
+            *warn_of_pattern(stacked, fit, seen, weighted=estimator == "wls"),
+            *(() if seen.refused else warn_of_mass_matrix(library, fit.values, recordings)),
+        ),
     )
 
 

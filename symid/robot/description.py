@@ -11,10 +11,11 @@ Supported: revolute and prismatic joints, chains and trees, a fixed base.
 Not supported: closed loops, floating bases.
 """
 
+import re
 from dataclasses import dataclass, field
 from enum import Enum
 
-from symid.errors import Notice
+from symid.errors import Notice, RobotError
 from symid.robot.geometry import IDENTITY, ZERO, Exact, Placement
 
 __all__ = [
@@ -30,6 +31,9 @@ __all__ = [
     "Processing",
     "Robot",
 ]
+
+
+_COORDINATE = re.compile(r"(s|c|q|dq|ddq)\d+")
 
 
 class JointKind(Enum):
@@ -182,7 +186,33 @@ class Robot:
     tip: Placement = IDENTITY
     notices: tuple[Notice, ...] = ()
 
+    def __post_init__(self) -> None:
+        """Check what every later stage relies on.
+
+        Raises:
+            RobotError: no joints, a parent that does not come before its joint, a name given twice, or a
+                symbol that reads as a coordinate.
+        """
+        names = [joint.name for joint in self.joints]
+        mistakes = [] if names else ["a robot needs at least one joint"]
+        mistakes += [
+            f"two joints are called {name!r}" for name in dict.fromkeys(names) if names.count(name) > 1
+        ]
+        for index, joint in enumerate(self.joints):
+            if not -1 <= joint.parent < index:
+                mistakes.append(f"joint {joint.name!r}: its parent must be the base (-1) or an earlier joint")
+        for name in _list_symbols(self):
+            if _COORDINATE.fullmatch(name):
+                mistakes.append(f"symbolic length {name!r} reads as a coordinate; call it L1, A2 or D3")
+        if mistakes:
+            raise RobotError(*(Notice(code="robot.invalid", text=text, file=self.path) for text in mistakes))
+
     @property
     def size(self) -> int:
         """Return the number of joints."""
         return len(self.joints)
+
+
+def _list_symbols(robot: Robot) -> tuple[str, ...]:
+    lengths = [value for joint in robot.joints for value in joint.placement.translation]
+    return tuple(sorted({name for value in (*lengths, *robot.gravity) for name in value.symbols}))

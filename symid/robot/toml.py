@@ -10,8 +10,8 @@ Not supported: guesses. A convention, a joint's kind, gravity and units must be 
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import replace
 from decimal import Decimal
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -87,7 +87,8 @@ def parse_robot(text: str, file: str = "robot.toml") -> Robot:
     convention = _read_convention(root)
     symbols = _read_symbols(root)
     joints, tip = read_joints(root, convention, symbols)
-    robot = Robot(
+    build = partial(
+        Robot,
         name=_read_name(root, Path(file).stem),
         description=read_text(root, "description") or "",
         source=read_text(root, "source") or "",
@@ -103,7 +104,7 @@ def parse_robot(text: str, file: str = "robot.toml") -> Robot:
     if report.errors:
         raise RobotError(*report.notices())
     _warn_of_unused_symbols(root, symbols)
-    return replace(robot, notices=report.remarks())
+    return build(notices=report.remarks())
 
 
 def _explain_syntax(message: str, text: str, file: str) -> Notice:

@@ -1,15 +1,24 @@
 """Base parameters: known counts, and two independent ways to find the rank."""
 
+import dataclasses
+
 import numpy as np
 import pinocchio as pin
 import pytest
 from hypothesis import given, settings
+from hypothesis import strategies as st
 from sympy import QQ, Matrix
 
 from symid.algebra.elimination import reduce_rows
+from symid.algebra.floats import FloatAlgebra, build_float_state
 from symid.dynamics.base import find_base_parameters
+from symid.dynamics.kinematics import build_recursion
 from symid.dynamics.lagrange import derive_energy
+from symid.dynamics.regressors import find_torque_columns
+from symid.joint.friction import FRICTION_MODELS
+from symid.notation import INERTIAL
 from symid.robot.description import FrictionKind
+from symid.robot.geometry import ONE, ZERO, Exact
 from tests.chains import (
     PANDA,
     PI,
@@ -23,6 +32,8 @@ from tests.chains import (
     trees,
 )
 
+# Any angle is right for drives and friction; right angles keep the field small.
+RIGHT_ANGLES = st.sampled_from([0.0, PI / 2, -PI / 2, PI])
 SCARA = build_chain(
     [(0.0, 0, 0, "q"), (0.0, 0.35, 0, "q"), (0.0, 0.3, 0, "q"), (0.0, 0, "q", 0.0)], name="scara"
 )
@@ -58,10 +69,80 @@ def test_count_equals_the_rank_of_the_exact_energy_regressor(robot, count):
     assert find_energy_rank(robot) == count
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(robot=trees(most=4, rotors=True))
 def test_count_equals_the_exact_rank_on_random_trees(robot):
     assert find_base_parameters(robot).count == find_energy_rank(robot)
+
+
+class Floats(FloatAlgebra):
+    """Floats with the sign function of friction."""
+
+    def sign(self, value):
+        return np.sign(value)
+
+    def absolute(self, value):
+        return np.abs(value)
+
+
+def find_sampled_rank(robot, seed):
+    """Rank of the torques of all parameters, friction included, at random states: a numeric oracle."""
+    base = find_base_parameters(robot)
+    states = np.random.default_rng(seed).uniform(-2, 2, (3, robot.size, 80))
+    algebra = Floats()
+    inertial = [label for label in base.labels if label[1] in (*INERTIAL, "IA")]
+    columns = find_torque_columns(build_recursion(robot, algebra, build_float_state(*states)), inertial)
+    for joint, name in base.labels:
+        if (joint, name) not in columns:
+            model = FRICTION_MODELS[robot.joints[joint].friction.kind]
+            column = model.columns(algebra, states[1, joint])[model.parameters.index(name)]
+            columns[joint, name] = [column if k == joint else 0.0 for k in range(robot.size)]
+    stacked = [np.concatenate([np.broadcast_to(e, 80) for e in columns[label]]) for label in base.labels]
+    values = np.linalg.svd(np.array(stacked), compute_uv=False)
+    return int(np.sum(values > 1e-9 * values[0]))
+
+
+@settings(max_examples=60, deadline=None)
+@given(robot=trees(most=3, rotors=True, friction=True, angles=RIGHT_ANGLES))
+def test_drives_and_friction_count_right_on_random_trees(robot):
+    base = find_base_parameters(robot)
+    assert base.count + len(base.friction) == find_sampled_rank(robot, 1)
+
+
+@pytest.mark.parametrize("kind", list(FrictionKind))
+@pytest.mark.parametrize("rotors", [False, True])
+def test_friction_of_a_vertical_slide(kind, rotors):
+    slide = build_chain([(0.0, 0, "q", 0.0)], rotors=rotors, friction=kind)
+    base = find_base_parameters(slide)
+    assert base.count + len(base.friction) == find_sampled_rank(slide, 2)
+
+
+@settings(max_examples=40, deadline=None)
+@given(robot=trees(most=3, rotors=True, symbols=True))
+def test_symbolic_lengths_count_like_generic_numbers(robot):
+    def replace_symbol(value):
+        return sum(
+            (
+                Exact.surd(*surd) * (Exact.of(f"0.{ord(name[0])}{name[1:]}7") if name else ONE)
+                for name, surd in value.terms
+            ),
+            ZERO,
+        )
+
+    joints = tuple(
+        dataclasses.replace(
+            joint,
+            placement=dataclasses.replace(
+                joint.placement, translation=tuple(map(replace_symbol, joint.placement.translation))
+            ),
+        )
+        for joint in robot.joints
+    )
+    numeric = dataclasses.replace(robot, joints=joints)
+    symbolic = find_base_parameters(robot)
+    assert [p.label for p in symbolic.parameters] == [
+        p.label for p in find_base_parameters(numeric).parameters
+    ]
 
 
 def sample_regressor(robot, samples, seed):

@@ -49,6 +49,9 @@ const char *symid_emps_version(void);
 /** @brief Signature of the robot and its derivation, 64 hexadecimal digits. */
 const char *symid_emps_signature(void);
 
+/** @brief Digest of the sources that this library is built from, 64 hexadecimal digits. */
+const char *symid_emps_digest(void);
+
 /**
  * @brief pose of every link frame in the base frame
  *

@@ -8,5 +8,10 @@ const char *symid_emps_version(void)
 
 const char *symid_emps_signature(void)
 {
-    return "9d3b23c78eb0a4df380bc1b3cf7fbb253d0b3642a45e6e372fd44eeb897644ed";
+    return "fde3f9bc8e3fe07f7c413d786906b38102df1d4d5b21a7a091d960cc0e856038";
+}
+
+const char *symid_emps_digest(void)
+{
+    return "e5cfe2e7da30e326e26c11bd5a8f069d7922e2491ed7f818ec03d1cf9637a7ba";
 }

@@ -8,5 +8,10 @@ const char *symid_two_link_version(void)
 
 const char *symid_two_link_signature(void)
 {
-    return "dda679ee971d710c22cd562656692b2493b3c46103de8eb5bd4c589a14a72afd";
+    return "e16287729d41257b55d67f87aec344cd84f1613a5e6b30a4eaa4b9964b9429a5";
+}
+
+const char *symid_two_link_digest(void)
+{
+    return "807ec68b87bbffe195d835f788594e8373ed560505b6637b601651988bceaa80";
 }

@@ -1,8 +1,11 @@
 """The cache: found again, made again when it must be, safe when two want it at once."""
 
 import os
+import platform
+import stat
 import subprocess
 import sys
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,9 +14,10 @@ import pytest
 
 from symid.codegen import cache as cache_module
 from symid.codegen.cache import find_cache_folder, find_library_key, prepare_library
+from symid.codegen.cache_folder import make_temporary_folder
 from symid.codegen.compiler import Compiler, compile_sources, find_compiler
 from symid.errors import GenerationError, OutputError
-from symid.robot.description import Processing
+from symid.robot.description import Limits, Processing
 from symid.robot.toml import read_robot
 
 NAMES = ("mass_matrix", "friction")
@@ -87,6 +91,7 @@ def test_without_a_compiler_the_python_module_is_used_and_said(robot, tmp_path):
 
 SCRIPT = """
 import sys
+import tempfile
 from pathlib import Path
 from symid.codegen.cache import prepare_library
 from symid.robot.toml import read_robot
@@ -147,3 +152,112 @@ def test_the_compilers_message_reaches_the_reader(tmp_path, c_compiler):
     assert f"{c_compiler} -std=c99" in str(caught.value)
     assert not (tmp_path / "x.so").exists()
     assert find_compiler("no-such-compiler") is None
+
+
+def test_the_key_sees_of_the_robot_what_its_functions_depend_on(robot):
+    compiler = Compiler(path="/x/cc", version="cc 1")
+    key = find_library_key(robot, None, compiler)
+    (joint,) = robot.joints
+
+    def find_key(**changes):
+        return find_library_key(replace(robot, joints=(replace(joint, **changes),)), None, compiler)
+
+    assert find_key(limits=Limits(velocity=3.5)) == key
+    assert find_key(drive=replace(joint.drive, torque_constant=7.0)) == key
+    assert find_library_key(replace(robot, source="a paper", notices=()), None, compiler) == key
+    assert find_key(name="another") != key
+    assert find_key(drive=replace(joint.drive, has_rotor=not joint.drive.has_rotor)) != key
+
+
+@pytest.mark.parametrize("what", ["machine", "system"])
+def test_the_key_sees_the_machine(robot, monkeypatch, what):
+    key = find_library_key(robot, None, None)
+    monkeypatch.setattr(platform, what, lambda: "another")
+    assert find_library_key(robot, None, None) != key
+
+
+def test_the_key_sees_the_modules_outside_the_rooms(monkeypatch):
+    paths = {path for path, _ in cache_module._find_code_bytes()}
+    assert {"notation.py", "arrays.py", "provenance.py", "codegen/cache.py"} <= paths
+
+
+def test_a_cache_that_cannot_be_written_is_replaced_by_a_temporary_one(robot, tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("x")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    monkeypatch.setattr(tempfile, "gettempdir", lambda: str(tmp_path))
+    library, said = prepare(robot, None)
+    assert said
+    assert [notice.code for notice in library.notices][:1] == ["codegen.cache-temporary"]
+    assert "cache folder cannot be written" in library.notices[0].text
+    folder = tmp_path / f"symid-{os.getuid()}"
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+    assert prepare(robot, None)[1] == []
+
+
+def test_a_user_without_a_home_gets_a_temporary_cache(robot, tmp_path, monkeypatch):
+    def fail():
+        message = "Could not determine home directory."
+        raise RuntimeError(message)
+
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setattr(Path, "home", fail)
+    monkeypatch.setattr(tempfile, "gettempdir", lambda: str(tmp_path))
+    assert find_cache_folder() == tmp_path / f"symid-{os.getuid()}"
+    assert [notice.code for notice in prepare(robot, None)[0].notices][:1] == ["codegen.cache-temporary"]
+
+
+def test_a_temporary_folder_that_others_can_write_is_not_used(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "gettempdir", lambda: str(tmp_path))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    folder = tmp_path / f"symid-{os.getuid()}"
+    assert make_temporary_folder() == folder
+    folder.chmod(0o777)
+    assert make_temporary_folder() != folder
+
+
+def test_no_place_at_all_is_said(robot, tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("x")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    monkeypatch.setattr(tempfile, "gettempdir", lambda: str(tmp_path / "file"))
+    with pytest.raises(OutputError, match="nor is there a place") as caught:
+        prepare(robot, None)
+    assert caught.value.notices[0].code == "output.cache"
+
+
+def test_an_entry_that_cannot_be_moved_in_is_said(robot, tmp_path, monkeypatch):
+    rename = Path.rename
+
+    def fail(self, target):
+        if self.name.startswith(".new-") and Path(target).parent == tmp_path:
+            raise PermissionError(13, "Permission denied")
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", fail)
+    with pytest.raises(OutputError, match="Permission denied") as caught:
+        prepare(robot, tmp_path)
+    assert caught.value.notices[0].code == "output.cache"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_robots_name_cannot_leave_the_cache(robot, tmp_path):
+    folder = tmp_path / "cache"
+    library, _ = prepare(replace(robot, name="../../a b"), folder)
+    assert library.card.robot == "../../a b"
+    assert [path.name for path in tmp_path.iterdir()] == ["cache"]
+    assert [path.name[:15] for path in folder.iterdir()] == ["symid_______a_b"]
+
+
+def test_byte_code_in_an_entry_is_not_run(robot, tmp_path):
+    prepare(robot, tmp_path, compiler="no-such-compiler")
+    (entry,) = tmp_path.iterdir()
+    assert not list(entry.rglob("__pycache__"))
+    (entry / "__pycache__").mkdir()
+    (entry / "__pycache__" / "symid_emps.cpython-311.pyc").write_bytes(b"x")
+    library, said = prepare(robot, tmp_path, compiler="no-such-compiler")
+    assert said
+    assert library.notices[0].code == "codegen.cache-rebuilt"
+
+
+def test_a_compiler_asked_for_by_name_is_named(robot, tmp_path):
+    library, _ = prepare(robot, tmp_path, compiler="clang-99")
+    assert "'clang-99' was not found" in library.notices[0].text

@@ -3,6 +3,7 @@
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -286,6 +287,20 @@ def test_cmake_builds_and_tests_the_library(made, tmp_path, cmake):
         done = subprocess.run([cmake, *arguments], cwd=tmp_path, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stdout + done.stderr
     assert "Name: symid_two_link" in (tmp_path / "b" / "symid_two_link.pc").read_text()
+
+
+def test_an_installed_library_can_be_moved(made, tmp_path, cmake, c_compiler):
+    write_sources(generate_c_library(made["emps"]), tmp_path / "c")
+    for arguments in (["-S", "c", "-B", "b"], ["--build", "b"], ["--install", "b", "--prefix", "first"]):
+        subprocess.run([cmake, *arguments], cwd=tmp_path, capture_output=True, check=True)
+    (tmp_path / "first").rename(tmp_path / "second")
+    (package,) = (tmp_path / "second").rglob("*.pc")
+    lines = package.read_text().splitlines()
+    prefix = lines[0].removeprefix("prefix=").replace("${pcfiledir}", str(package.parent))
+    assert (tmp_path / "second").samefile(prefix)
+    values = dict(line.split("=", 1) for line in lines if "=" in line and "{prefix}" in line)
+    for key, name in (("libdir", "libsymid_emps.a"), ("includedir", "symid_emps.h")):
+        assert (Path(values[key].replace("${prefix}", prefix)) / name).is_file()
 
 
 @pytest.fixture(scope="session")

@@ -42,7 +42,7 @@ def test_a_context_with_other_names_is_refused():
         colour: str = ""
 
     with pytest.raises(
-        GenerationError, match=r"lacks \['prefix', 'signature', 'version'\] and has \['colour'\]"
+        GenerationError, match=r"lacks \['digest', 'prefix', 'signature', 'version'\] and has \['colour'\]"
     ) as caught:
         write_template("c/info.c.jinja", Wrong())
     assert caught.value.notices[0].code == "codegen.template-context"

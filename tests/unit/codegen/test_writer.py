@@ -114,3 +114,56 @@ def test_an_interrupted_second_write_can_be_repeated(tmp_path, monkeypatch):
     assert names(tmp_path) == ["out"]
     write_sources(sources(a="2", b="2"), out)
     assert [(out / name).read_text() for name in ("a.c", "b.c")] == ["2", "2"]
+
+
+def test_an_existing_empty_folder_stays_the_same_folder(tmp_path):
+    out = tmp_path / "out"
+    out.mkdir(mode=0o750)
+    before = out.stat()
+    write_sources(sources(a="1"), out)
+    after = out.stat()
+    assert (after.st_ino, after.st_mode) == (before.st_ino, before.st_mode)
+    assert names(out) == ["a.c", MANIFEST]
+    assert names(tmp_path) == ["out"]
+
+
+def test_the_current_folder_can_be_written(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_sources(sources(a="1"), Path())
+    assert sorted(path.name for path in Path().iterdir()) == ["a.c", MANIFEST]
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_after_an_interrupted_update_another_one_needs_no_force(tmp_path, monkeypatch, first):
+    out = tmp_path / "out"
+    out.mkdir()
+    if not first:
+        write_sources(sources(a="1", b="1"), out)
+    replace, calls = Path.replace, []
+
+    def fail_third(self, target):
+        calls.append(target)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return replace(self, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", fail_third)
+        with pytest.raises(KeyboardInterrupt):
+            write_sources(sources(a="2", b="2", c="2"), out)
+    assert (out / "a.c").read_text() == "2"
+    write_sources(sources(a="3", c="3"), out)
+    assert names(out) == ["a.c", "c.c", MANIFEST]
+    assert (out / "a.c").read_text() == "3"
+
+
+def test_after_an_interrupted_update_an_edited_file_is_still_told(tmp_path, monkeypatch):
+    write_sources(sources(a="1", b="1"), tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setattr("symid.codegen.writer._remove_stale", lambda *_: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            write_sources(sources(a="2", b="2"), tmp_path)
+    (tmp_path / "b.c").write_text("edited")
+    with pytest.raises(OutputError, match="was edited") as caught:
+        write_sources(sources(a="3", b="3"), tmp_path)
+    assert code(caught) == ["output.edited-file"]

@@ -5,6 +5,7 @@ import pytest
 from symid.dynamics import lesson
 from symid.dynamics.lesson import derive_lesson
 from symid.errors import SymidError
+from symid.robot.description import FrictionKind
 from tests.chains import PANDA, TWO_LINK, build_chain
 
 
@@ -26,6 +27,24 @@ def test_every_check_was_made():
         checks = [step.check for step in derive_lesson(robot) if step.check]
         assert len(checks) == 2
         assert all(check.startswith("verified exactly") for check in checks)
+
+
+def test_a_weight_that_stays_up_is_no_contradiction():
+    """A symbolic height gives links a potential that no coordinate changes."""
+    scara = build_chain([(0.0, 0, "D1", "q"), (0.0, "L1", 0, "q"), (0.0, "L2", "q", 0.0)])
+    checks = [step.check for step in derive_lesson(scara) if step.check]
+    assert len(checks) == 2
+
+
+def test_groups_are_proper_latex():
+    arm = build_chain([(0.0, 0, 0, "q"), (0.0, "L1", 0, "q")], gravity=("0", "-9.81", "0"))
+    assert find_formula(derive_lesson(arm), "ZZR1").latex == r"ZZ_{1} + M_{2} L_{1}^{2}"
+
+
+def test_only_inertial_parameters_are_counted():
+    slide = build_chain([(0.0, 0, "q", 0.0)], rotors=True, friction=FrictionKind.VISCOUS_COULOMB_OFFSET)
+    sentences = [step.sentence for step in derive_lesson(slide)]
+    assert "Of 11 inertial parameters only 2 combinations can be seen in any motion." in sentences
 
 
 def test_long_sums_say_how_much_is_not_shown():

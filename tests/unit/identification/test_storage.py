@@ -125,3 +125,47 @@ def test_validation_counts_what_the_true_parameters_leave(library, estimate):
         assert entry.relative_percent == pytest.approx(100 * entry.norm / whole)
     mean = sum(entry.relative_percent for entry in validation.residual) / 2
     assert validation.mean_relative_percent == pytest.approx(mean)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda data: data.update(residual=[]), "residual: expected one entry for each joint"),
+        (lambda data: data["parameters"][0].update(value=None), "parameters: expected a number, got null"),
+        (lambda data: data["residual"][0].update(norm=None), "residual: expected a number, got null"),
+        (lambda data: data.update(samples=None), "samples: expected a count"),
+        (lambda data: data.update(settings=[]), "settings: expected a table"),
+        (lambda data: data.update(notices=[{"code": 3}]), "notices: "),
+        (lambda data: data.update(friction=["sticky"]), "friction: expected one of none"),
+        (lambda data: data.update(rows="columns"), "rows: expected one of"),
+        (lambda data: data.update(condition=10**400), "condition: "),
+        (lambda data: data["covariance"].pop(), "covariance: expected 12 rows of 12"),
+        (lambda data: data["parameters"][0].pop("std"), "parameters: 'std' is missing"),
+    ],
+)
+def test_values_of_a_wrong_kind_are_refused(tmp_path, estimate, change, message):
+    path = write_estimate(estimate, tmp_path / "estimate.json")
+    data = json.loads(path.read_text())
+    change(data)
+    path.write_text(json.dumps(data))
+    with pytest.raises(EstimateError, match=message):
+        read_estimate(path)
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, '{"format": NaN}', "1" * 5000])
+def test_json_that_no_one_writes_is_refused(tmp_path, text):
+    path = tmp_path / "estimate.json"
+    path.write_text(text)
+    with pytest.raises(EstimateError):
+        read_estimate(path)
+
+
+def test_parameters_that_are_not_the_models_are_refused(tmp_path, estimate, library):
+    first, *rest = estimate.parameters
+    renamed = (replace(first, name="colour"), *rest)
+    for parameters, message in ((tuple(rest), "is missing"), (renamed, "'colour' is no parameter")):
+        changed = replace(estimate, parameters=parameters, covariance=())
+        path = write_estimate(changed, tmp_path / "estimate.json")
+        with pytest.raises(EstimateError, match=message) as caught:
+            read_estimate(path, library.card)
+        assert caught.value.notices[0].code == "estimate.parameters"

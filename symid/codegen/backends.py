@@ -1,0 +1,215 @@
+"""The two ways to compute a robot's functions: a shared library, and the NumPy module.
+
+Input: a model card, and the file that computes. Output: objects with what `Library` asks for.
+
+Supported: double precision, and float libraries through conversion; libraries that were built again
+while this process had the old one loaded.
+Not supported: shared libraries of another machine.
+"""
+
+import ctypes
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import final
+
+import numpy as np
+
+from symid.arrays import FloatArray
+from symid.codegen.calls import allocate, check_inputs, check_sample, find_spec
+from symid.codegen.functions import ModelCard
+from symid.errors import GenerationError, Notice, UsageError
+
+__all__ = ["Bound", "CompiledLibrary", "PythonLibrary", "import_module"]
+
+Bound = Callable[..., tuple[FloatArray, ...]]
+
+
+def _open(binary: Path) -> ctypes.CDLL:
+    try:
+        return ctypes.CDLL(str(binary))
+    except OSError as error:
+        text = f"cannot be loaded: {error}; build it again on this machine"
+        raise GenerationError(Notice(code="codegen.cannot-load", text=text, file=str(binary))) from error
+
+
+def _read_digest(shared: ctypes.CDLL, prefix: str) -> str:
+    try:
+        call = getattr(shared, f"{prefix}_digest")
+    except AttributeError:
+        return ""
+    call.restype = ctypes.c_char_p
+    return str((call() or b"").decode("ascii", "replace"))
+
+
+def _fail_stale(binary: Path) -> UsageError:
+    text = "was built from other sources than those beside it; run `make clean shared` in its folder"
+    return UsageError(Notice(code="usage.stale-library", text=text, file=str(binary)))
+
+
+def _open_built(binary: Path, prefix: str, digest: str) -> ctypes.CDLL:
+    shared = _open(binary)
+    if _read_digest(shared, prefix) == digest:
+        return shared
+    # The loader gives back what it already has under a name: look at the file as it is now.
+    with tempfile.TemporaryDirectory(prefix="symid-") as scratch:
+        shared = _open(Path(shutil.copy(binary, scratch)))
+    if _read_digest(shared, prefix) != digest:
+        raise _fail_stale(binary)
+    return shared
+
+
+@final
+class CompiledLibrary:
+    """Functions of a shared library; calls pass arrays without a copy and release the interpreter's lock.
+
+    `digest` is what the library must say it was built from; see `find_build_digest`.
+    """
+
+    backend = "c"
+
+    def __init__(
+        self,
+        card: ModelCard,
+        binary: Path,
+        *,
+        prefix: str,
+        precision: str,
+        digest: str,
+        notices: tuple[Notice, ...] = (),
+    ) -> None:
+        self.card = card
+        self.notices = notices
+        self._binary = binary
+        self._prefix = prefix
+        self._dtype = np.float32 if precision == "float" else np.float64
+        self._shared = _open_built(binary, prefix, digest)
+
+    def _find_symbol(self, name: str) -> Callable[..., int]:
+        try:
+            symbol = getattr(self._shared, f"{self._prefix}_{name}")
+        except AttributeError as error:
+            raise _fail_stale(self._binary) from error
+        symbol.restype = ctypes.c_int
+        found: Callable[..., int] = symbol
+        return found
+
+    def evaluate(self, name: str, *inputs: FloatArray) -> tuple[FloatArray, ...]:
+        """Return the outputs of function `name`; see `Library`.
+
+        Raises:
+            UsageError: the function does not exist, or an input has a wrong shape or no real numbers.
+        """
+        spec = find_spec(self.card, name)
+        samples, arrays = check_inputs(self.card, spec, inputs)
+        given = [np.asarray(array, dtype=self._dtype) for array in arrays]
+        outputs = tuple(allocate(port, samples, self._dtype) for port in spec.outputs)
+        pointers = [ctypes.c_void_p(array.ctypes.data) for array in (*given, *outputs)]
+        count = ctypes.c_size_t(1 if samples is None else samples)
+        status = self._find_symbol(f"{name}_batch")(count, *pointers)
+        if status:
+            raise _fail_call(name, status)
+        return tuple(np.asarray(output, dtype=np.float64) for output in outputs)
+
+    def bind(self, name: str) -> Bound:
+        """Return function `name` for one sample; its outputs are overwritten by the next call.
+
+        Raises:
+            UsageError: the function does not exist; in a call, an input has a wrong shape.
+        """
+        card, spec = self.card, find_spec(self.card, name)
+        inputs = tuple(np.zeros(port.shape, dtype=self._dtype) for port in spec.inputs)
+        outputs = tuple(allocate(port, None, self._dtype) for port in spec.outputs)
+        call = self._find_symbol(name)
+        pointers = tuple(ctypes.c_void_p(array.ctypes.data) for array in (*inputs, *outputs))
+        shapes, double = tuple(port.shape for port in spec.inputs), np.dtype(np.float64)
+
+        def is_usual(values: tuple[FloatArray, ...]) -> bool:
+            if len(values) != len(shapes):
+                return False
+            for value, shape in zip(values, shapes, strict=True):
+                if type(value) is not np.ndarray or value.shape != shape or value.dtype is not double:
+                    return False
+            return True
+
+        def evaluate_one(*values: FloatArray) -> tuple[FloatArray, ...]:
+            given = values
+            # The usual case is told in a few comparisons; anything else is converted or refused.
+            given = values if is_usual(values) else check_sample(card, spec, values)
+            for buffer, value in zip(inputs, given, strict=True):
+                buffer[...] = value
+            status = call(*pointers)
+            if status:
+                raise _fail_call(name, status)
+            return outputs
+
+        return evaluate_one
+
+
+def _fail_call(name: str, status: int) -> GenerationError:
+    text = f"function {name!r} returned the error code {status}"
+    return GenerationError(Notice(code="codegen.call-failed", text=text))
+
+
+_CHUNK = 512
+
+
+@final
+class PythonLibrary:
+    """Functions of a generated NumPy module; batches go through in pieces that fit the cache."""
+
+    backend = "python"
+
+    def __init__(self, card: ModelCard, module: ModuleType, notices: tuple[Notice, ...] = ()) -> None:
+        self.card = card
+        self.notices = notices
+        self._module = module
+
+    def _call(self, name: str, inputs: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:
+        result = getattr(self._module, name)(*inputs)
+        return result if isinstance(result, tuple) else (result,)
+
+    def evaluate(self, name: str, *inputs: FloatArray) -> tuple[FloatArray, ...]:
+        """Return the outputs of function `name`; see `Library`.
+
+        Raises:
+            UsageError: the function does not exist, or an input has a wrong shape or no real numbers.
+        """
+        spec = find_spec(self.card, name)
+        samples, arrays = check_inputs(self.card, spec, inputs)
+        if samples is None:
+            return self._call(name, arrays)
+        outputs = tuple(allocate(port, samples, np.float64) for port in spec.outputs)
+        for start in range(0, samples, _CHUNK):
+            piece = slice(start, start + _CHUNK)
+            given = tuple(a if p.shared else a[piece] for p, a in zip(spec.inputs, arrays, strict=True))
+            for output, values in zip(outputs, self._call(name, given), strict=True):
+                output[piece] = values
+        return outputs
+
+    def bind(self, name: str) -> Bound:
+        """Return function `name` for one sample.
+
+        Raises:
+            UsageError: the function does not exist; in a call, an input has a wrong shape.
+        """
+        card, spec = self.card, find_spec(self.card, name)
+        return lambda *values: self._call(name, check_sample(card, spec, values))
+
+
+def import_module(path: Path) -> ModuleType:
+    """Return the generated module at `path`, from its source: byte code beside it is not looked at.
+
+    Raises:
+        GenerationError: it cannot be read or is no Python.
+    """
+    module = ModuleType(path.stem)
+    module.__file__ = str(path)
+    try:
+        exec(compile(path.read_bytes(), str(path), "exec"), module.__dict__)  # noqa: S102  what symid wrote
+    except (OSError, SyntaxError, ImportError, ValueError) as error:
+        text = f"cannot be imported: {error}; generate it again"
+        raise GenerationError(Notice(code="codegen.cannot-load", text=text, file=str(path))) from error
+    return module

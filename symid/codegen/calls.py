@@ -1,0 +1,101 @@
+"""What goes into a function of a library: found by name, checked, and turned into arrays.
+
+Input: a model card, the name of a function, what a caller gave. Output: float64 arrays, row-major.
+
+Supported: anything that NumPy reads as real numbers, one sample or a batch.
+Not supported: complex numbers, text, rows of unequal length, arrays of objects.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from symid.arrays import FloatArray
+from symid.codegen.functions import FunctionSpec, ModelCard, Port
+from symid.errors import Notice, UsageError
+
+__all__ = ["allocate", "check_inputs", "check_sample", "find_spec"]
+
+REAL = "biuf"
+
+
+def find_spec(card: ModelCard, name: str) -> FunctionSpec:
+    """Return the function `name` of the card.
+
+    Raises:
+        UsageError: the function does not exist.
+    """
+    for spec in card.functions:
+        if spec.name == name:
+            return spec
+    known = ", ".join(spec.name for spec in card.functions)
+    text = f"the library of {card.robot!r} has no function {name!r}; it has {known}"
+    raise UsageError(Notice(code="usage.unknown-function", text=text))
+
+
+def _fail(card: ModelCard, spec: FunctionSpec, text: str) -> UsageError:
+    notice = Notice(code="usage.shape", text=f"function {spec.name!r} of {card.robot!r}: {text}")
+    return UsageError(notice)
+
+
+def _convert(card: ModelCard, spec: FunctionSpec, port: Port, value: object) -> FloatArray:
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise _fail(card, spec, f"input {port.name!r}: expected an array of numbers, got {error}") from error
+    if array.dtype.kind not in REAL:
+        text = f"input {port.name!r}: expected real numbers, got an array of {array.dtype}"
+        raise _fail(card, spec, text)
+    return np.ascontiguousarray(array, dtype=np.float64)
+
+
+def _convert_all(card: ModelCard, spec: FunctionSpec, inputs: Sequence[object]) -> tuple[FloatArray, ...]:
+    if len(inputs) != len(spec.inputs):
+        names = ", ".join(port.name for port in spec.inputs)
+        raise _fail(card, spec, f"expected the inputs {names}, got {len(inputs)} arrays")
+    pairs = zip(spec.inputs, inputs, strict=True)
+    return tuple(_convert(card, spec, port, value) for port, value in pairs)
+
+
+def check_inputs(
+    card: ModelCard, spec: FunctionSpec, inputs: Sequence[object]
+) -> tuple[int | None, tuple[FloatArray, ...]]:
+    """Return the number of samples, None for a single one, and the inputs as arrays.
+
+    Raises:
+        UsageError: a shape is wrong, or an input holds no real numbers.
+    """
+    arrays = _convert_all(card, spec, inputs)
+    pairs = tuple(zip(spec.inputs, arrays, strict=True))
+    lead = next(((port, array) for port, array in pairs if not port.shared), None)
+    samples = None
+    if lead is not None and lead[1].ndim == len(lead[0].shape) + 1:
+        samples = lead[1].shape[0]
+    for port, array in pairs:
+        batch = () if port.shared or samples is None else (samples,)
+        if array.shape != (*batch, *port.shape):
+            allowed = f"{port.shape}" if port.shared else f"{port.shape} or (N, {str(port.shape)[1:]}"
+            text = f"input {port.name!r}: expected the shape {allowed}, N alike for all, got {array.shape}"
+            raise _fail(card, spec, text)
+    return samples, arrays
+
+
+def check_sample(card: ModelCard, spec: FunctionSpec, inputs: Sequence[object]) -> tuple[FloatArray, ...]:
+    """Return the inputs of one sample as arrays.
+
+    Raises:
+        UsageError: a shape is not that of one sample, or an input holds no real numbers.
+    """
+    arrays = _convert_all(card, spec, inputs)
+    for port, array in zip(spec.inputs, arrays, strict=True):
+        if array.shape != port.shape:
+            text = f"input {port.name!r}: expected the shape {port.shape} of one sample, got {array.shape}"
+            raise _fail(card, spec, text)
+    return arrays
+
+
+def allocate(port: Port, samples: int | None, dtype: type[np.floating]) -> FloatArray:
+    """Return an array for an output, its values not set."""
+    shape = port.shape if samples is None else (samples, *port.shape)
+    array: FloatArray = np.empty(shape, dtype=dtype)
+    return array
