@@ -2,9 +2,10 @@
 
 Input: `Recording`, the robot. Output: notices.
 
-Supported: uneven sampling and gaps, a channel that never changes, standstill, torque at its limit,
+Supported: slightly uneven sampling, a channel that never changes, standstill, torque at its limit,
 positions beyond the joint's limits, positions that look like degrees, coarse or repeated samples.
-Not supported: delays between channels, offsets between runs.
+Not supported: gaps and strong jitter, which `signals` refuses; delays between channels, offsets
+between runs.
 """
 
 from collections.abc import Iterator
@@ -20,7 +21,6 @@ __all__ = ["check_recording"]
 
 # Thresholds are those of a remark, not of a refusal: they only choose what is worth saying.
 _JITTER = 0.05
-_GAP = 1.5
 _REPEATED = 0.5
 _STANDSTILL = 0.5
 _SLOW = 1e-3
@@ -42,15 +42,6 @@ def check_recording(recording: Recording, robot: Robot) -> tuple[Notice, ...]:
 def _check_time(time: FloatArray) -> Iterator[tuple[str, str]]:
     steps = np.diff(time)
     period = float(np.median(steps))
-    gaps = np.flatnonzero(steps > _GAP * period)
-    if len(gaps):
-        first = int(gaps[0])
-        text = (
-            f"samples are missing: {len(gaps)} steps are longer than {_GAP:g} periods of {period:.6g} s, "
-            f"the first from {time[first]:.6g} s to {time[first + 1]:.6g} s; filters assume even sampling"
-        )
-        yield "log.gap", text
-        return
     jitter = float(np.max(np.abs(steps - period))) / period
     if jitter > _JITTER:
         text = f"steps of time differ by up to {100 * jitter:.3g} % from {period:.6g} s"

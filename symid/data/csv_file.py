@@ -58,7 +58,11 @@ def _read_lines(path: Path) -> Cells:
         return []
     separator = max(_SEPARATORS, key=kept[0][1].count)
     cells = csv.reader((line for _, line in kept), delimiter=separator, skipinitialspace=True)
-    return [(number, row) for (number, _), row in zip(kept, cells, strict=False)]
+    try:
+        return [(number, row) for (number, _), row in zip(kept, cells, strict=False)]
+    except csv.Error as error:
+        text = f"this is not a table that can be read: {error}"
+        raise refuse_file(str(path), text, "log.format") from error
 
 
 def _check_heading(file: str, line: int, names: list[str]) -> None:
@@ -84,6 +88,9 @@ def _read_numbers(
         for number, cells in lines
         if len(cells) != len(names)
     ]
+    # Python and numpy read 1_000 as a number, no other program does.
+    if not problems and any("_" in cell for _, cells in lines for cell in cells):
+        problems = _find_bad_cells(file, names, lines)
     if not problems:
         try:
             return np.array([cells for _, cells in lines], dtype=np.float64).reshape(len(lines), len(names))
@@ -118,4 +125,4 @@ def _is_number(text: str) -> bool:
         float(text)
     except ValueError:
         return False
-    return True
+    return "_" not in text

@@ -21,6 +21,8 @@ __all__ = ["UNITS", "read_npz"]
 UNITS = "units"
 """Name of the array that states units."""
 
+_SINGLE = b"\x93NUMPY"
+
 
 def read_npz(path: Path) -> RawLog:
     """Return the columns of the NumPy archive at `path`.
@@ -31,6 +33,10 @@ def read_npz(path: Path) -> RawLog:
     try:
         # A stream of our own: numpy leaves a file open when it is no archive.
         with path.open("rb") as stream:
+            if not zipfile.is_zipfile(stream) and stream.seek(0) == 0 and stream.read(6) != _SINGLE:
+                text = "this is not a NumPy archive: archives are written by numpy.savez"
+                raise refuse_file(str(path), text, "log.format")
+            stream.seek(0)
             archive = np.load(stream, allow_pickle=False)
             if not isinstance(archive, np.lib.npyio.NpzFile):
                 text = "this is a single array (.npy), not an archive (.npz)"

@@ -43,7 +43,7 @@ def find_time(raw: RawLog, robot: Robot, findings: Findings) -> tuple[FloatArray
     """Return time (N,) in s, None if it is not there, and the names of the columns used."""
     asked = robot.log.time
     names = asked.columns if asked else _find_default_names(raw, "time")
-    array = _stack_columns(raw, names, "time", findings)
+    array = _stack_columns(raw, names, "time", findings, asked=asked is not None)
     if array is None:
         return None, names
     unit = _choose_unit(raw, names, asked, "s", findings)
@@ -76,7 +76,9 @@ def find_quantity(
     names = asked.columns if asked else _find_default_names(raw, name)
     if name == "velocity" and asked is None and not all(column in raw.columns for column in names):
         return None, ()
-    array = _stack_columns(raw, names, name, findings)
+    if asked is None and not _check_joint_numbers(raw, robot, name, names, findings):
+        return None, names
+    array = _stack_columns(raw, names, name, findings, asked=asked is not None)
     if array is not None:
         array = _orient(array, samples, name, names, findings)
     if array is None:
@@ -89,8 +91,9 @@ def find_quantity(
     scale = _find_scale(name, unit, asked, robot.joints, findings)
     if scale is None:
         return None, names
-    if np.any(scale != 1.0):
-        findings.remark("log.converted", f"{name}: {_join(names)} {_describe_scale(unit, scale, asked)}")
+    if np.any(scale != 1.0) or _is_motor_side(asked) or _is_other_dimension(name, unit, robot.joints):
+        text = _describe_scale(name, unit, scale, asked, robot.joints)
+        findings.remark("log.converted", f"{name}: {_join(names)} {text}")
     return array * scale, names
 
 
@@ -106,17 +109,44 @@ def _find_default_names(raw: RawLog, name: str) -> tuple[str, ...]:
     return (DEFAULT_NAMES[name][0],)
 
 
+def _list_numbers(names: tuple[str, ...]) -> list[int]:
+    """Return the numbers at the end of names such as q1, q2; none of names without a number."""
+    matches = [re.fullmatch(r"[a-z]+_?(\d+)", name) for name in names]
+    return [int(match[1]) for match in matches if match]
+
+
+def _check_joint_numbers(
+    raw: RawLog, robot: Robot, name: str, names: tuple[str, ...], findings: Findings
+) -> bool:
+    """Say whether numbered columns count the joints from 0 or 1 without a gap, and as positions do."""
+    numbers = _list_numbers(names)
+    if not numbers:
+        return True
+    remedy = f"say in [log.{name}] which column belongs to which joint"
+    if numbers[0] > 1 or numbers != list(range(numbers[0], numbers[0] + len(numbers))):
+        text = f"{name}: {_join(names)} do not count the joints as 1, 2 ... or 0, 1 ...; {remedy}"
+        findings.refuse("log.joint-numbers", text)
+        return False
+    first = [] if robot.log.position else _list_numbers(_find_default_names(raw, "position"))
+    if first and first[0] in (0, 1) and first[0] != numbers[0]:
+        text = f"{name} is numbered from {numbers[0]} ({_join(names)}), position from {first[0]}; {remedy}"
+        findings.refuse("log.joint-numbers", text)
+        return False
+    return True
+
+
 def _stack_columns(
-    raw: RawLog, names: tuple[str, ...], quantity: str, findings: Findings
+    raw: RawLog, names: tuple[str, ...], quantity: str, findings: Findings, *, asked: bool
 ) -> FloatArray | None:
     missing = [name for name in names if name not in raw.columns]
     for name in missing:
-        findings.refuse("log.missing-column", _describe_missing(raw, name, quantity))
+        text = _describe_missing(raw, name, quantity)
+        findings.refuse("log.missing-column", text if asked else f"{text}; {_describe_default(quantity)}")
     if missing:
         return None
     parts = [np.atleast_1d(raw.columns[name]) for name in names]
     if len(parts) == 1:
-        return parts[0].reshape(len(parts[0]), -1)
+        return parts[0][:, None] if parts[0].ndim == 1 else parts[0]
     lengths = {name: len(part) for name, part in zip(names, parts, strict=True)}
     if len(set(lengths.values())) > 1 or any(part.ndim > 1 for part in parts):
         shapes = ", ".join(f"{name} {part.shape}" for name, part in zip(names, parts, strict=True))
@@ -132,6 +162,20 @@ def _describe_missing(raw: RawLog, name: str, quantity: str) -> str:
     hint = f"did you mean {' or '.join(map(repr, near))}? " if near else ""
     there = _join(tuple(raw.columns)) or "no columns"
     return f"{quantity}: there is no column {name!r}; {hint}the log has {there}"
+
+
+def _describe_default(quantity: str) -> str:
+    """Return the names that are looked up without a map, and how to name another column."""
+    stems = DEFAULT_NAMES[quantity]
+    if quantity == "time":
+        return (
+            f"without [log.time] it is looked up as {' or '.join(stems)}; else use --set log.time.column=NAME"
+        )
+    known = " or ".join(f"{stem} or {stem}1, {stem}2 ..." for stem in stems)
+    return (
+        f"without [log.{quantity}] it is looked up as {known}; else use "
+        f"--set log.{quantity}.columns=NAME,NAME --set log.{quantity}.unit=UNIT"
+    )
 
 
 def _orient(
@@ -153,6 +197,12 @@ def _choose_unit(
     """Return the unit of the robot file, else that of the log, else SI; say where the two differ."""
     stated = {raw.units[name] for name in names if name in raw.units}
     if asked is None:
+        silent = tuple(name for name in names if name not in raw.units)
+        if stated and silent:
+            text = (
+                f"no unit is stated for {_join(silent)}, but for its neighbours ({', '.join(sorted(stated))})"
+            )
+            findings.refuse("log.mixed-units", f"{text}; state the unit of every column, or of none (SI)")
         if len(stated) > 1 and standard == "SI":
             # Revolute and prismatic joints side by side; each must then be in SI units.
             stated = stated if any(_find_factor_or_zero(unit) != 1.0 for unit in stated) else set()
@@ -163,9 +213,25 @@ def _choose_unit(
             )
         return min(stated, default=standard)
     for unit in sorted(stated - {asked.unit}):
-        text = f"{_join(names)}: the log says {unit!r}, the robot file {asked.unit!r}"
-        findings.remark("log.unit-differs", f"{text}; the robot file was followed")
+        _compare_units(unit, asked.unit, names, findings)
     return asked.unit
+
+
+def _compare_units(unit: str, asked: str, names: tuple[str, ...], findings: Findings) -> None:
+    """Say where the unit that the log states is not the one that the robot file asks for."""
+    text = f"{_join(names)}: the log says {unit!r}, the robot file {asked!r}"
+    try:
+        there, wanted = find_unit_factor(unit), find_unit_factor(asked)
+    except KeyError:
+        findings.remark("log.unit-differs", f"{text}; the robot file was followed")
+        return
+    if "SI" in (there[0], wanted[0]) or there == wanted:
+        return
+    if there[0] != wanted[0]:
+        text = f"{text}: {there[0]} is not {wanted[0]}; correct the unit in one of them"
+        findings.refuse("log.unit-differs", text)
+    else:
+        findings.remark("log.unit-differs", f"{text}; the robot file was followed")
 
 
 def _find_factor_or_zero(unit: str) -> float:
@@ -199,11 +265,11 @@ def _find_scale(
     dimension, to_si = found
     factor = asked.factor if asked else (1.0,)
     wanted = _DIMENSIONS[name]
-    plain = all(value == 1.0 for value in factor)
     for joint in joints:
-        if dimension in ("SI", wanted[joint.kind]):
+        if dimension in ("SI", wanted[joint.kind]) or any(value != 1.0 for value in factor):
             continue
-        if plain:
+        # A robot file that names such a unit was asked for its factor, which may well be 1.
+        if asked is None or dimension not in _CONVERTIBLE:
             needs = ", for which a factor is needed" if dimension in _CONVERTIBLE else ""
             text = f"{name} is in {unit!r}, a unit of {dimension}{needs}"
             findings.refuse("log.wrong-unit", f"{text}; joint {joint.name!r} needs {wanted[joint.kind]}")
@@ -220,10 +286,33 @@ def _is_motor_side(asked: LogQuantity | None) -> bool:
     return asked is not None and asked.side == "motor"
 
 
-def _describe_scale(unit: str, scale: FloatArray, asked: LogQuantity | None) -> str:
-    values = scale if np.any(scale != scale[0]) else scale[:1]
-    side = " (motor side, gear included)" if _is_motor_side(asked) else ""
-    return f"in {unit} was multiplied by {', '.join(f'{value:.10g}' for value in values)}{side}"
+def _is_other_dimension(name: str, unit: str, joints: tuple[Joint, ...]) -> bool:
+    wanted = {_DIMENSIONS[name][joint.kind] for joint in joints}
+    return find_unit_factor(unit)[0] not in {"SI", *wanted}
+
+
+def _describe_scale(
+    name: str, unit: str, scale: FloatArray, asked: LogQuantity | None, joints: tuple[Joint, ...]
+) -> str:
+    text = f"in {unit} was multiplied by {_list_values(scale)}"
+    gears = np.array([joint.drive.gear for joint in joints])
+    if _is_motor_side(asked):
+        return f"{text} (motor side, gear included: {_list_values(gears)})"
+    constants = np.array([joint.drive.torque_constant or 0.0 for joint in joints])
+    dimension, to_si = find_unit_factor(unit)
+    if (
+        name == "torque"
+        and dimension == "current"
+        and np.allclose(scale, to_si * gears * constants, 1e-12, 0)
+    ):
+        return f"{text} (torque constant {_list_values(constants)} N m/A times gear {_list_values(gears)})"
+    return text
+
+
+def _list_values(values: FloatArray) -> str:
+    """Return the values, or the one value that all joints share."""
+    shown = values if np.any(values != values[0]) else values[:1]
+    return ", ".join(f"{value:.10g}" for value in shown)
 
 
 def _join(names: tuple[str, ...]) -> str:

@@ -20,7 +20,7 @@ from symid.data.mat_file import read_mat
 from symid.data.npz_file import read_npz
 from symid.data.quantities import find_quantity, find_time
 from symid.data.recording import Recording
-from symid.data.signals import describe_too_short, find_least_samples
+from symid.data.signals import describe_too_short, describe_uneven, find_least_samples
 from symid.data.table import RawLog, refuse_file
 from symid.errors import LogError
 from symid.robot.description import Processing, Robot
@@ -47,20 +47,20 @@ def read_recording(path: Path, robot: Robot) -> Recording:
     time, used = find_time(raw, robot, findings)
     samples = None if time is None else len(time)
     values: dict[str, FloatArray | None] = {}
+    columns: dict[str, tuple[str, ...]] = {}
     for name in ("position", "velocity", "torque"):
-        values[name], columns = find_quantity(raw, robot, name, samples, findings)
-        used += columns
-    _check_numbers(raw, used, findings)
+        values[name], columns[name] = find_quantity(raw, robot, name, samples, findings)
+    # A velocity stops nothing: no stage uses it.
+    _check_numbers(raw, (*used, *columns["position"], *columns["torque"]), findings)
     if time is not None:
         _check_time(time, robot.processing, findings)
     position, torque = values["position"], values["torque"]
     # What is missing is among the mistakes.
     if findings.mistakes or time is None or position is None or torque is None:
         raise LogError(*findings.mistakes)
-    unused = tuple(name for name in raw.columns if name not in used)
-    if unused or raw.others:
-        names = ", ".join((*unused, *raw.others))
-        findings.remark("log.unused-columns", f"columns that were not used: {names}")
+    known = {*used, *(name for names in columns.values() for name in names)}
+    unused = tuple(name for name in raw.columns if name not in known)
+    _remark_unused((*unused, *raw.others), columns["velocity"], findings)
     return Recording(
         time=time,
         position=position,
@@ -70,6 +70,15 @@ def read_recording(path: Path, robot: Robot) -> Recording:
         notices=tuple(findings.remarks),
         extras={name: raw.columns[name] for name in unused},
     )
+
+
+def _remark_unused(names: tuple[str, ...], velocity: tuple[str, ...], findings: Findings) -> None:
+    parts = [f"columns that were not used: {', '.join(names)}"] if names else []
+    if velocity:
+        text = "velocity was read but is not used: velocities come from the filtered position"
+        parts.append(f"{text} (columns {', '.join(velocity)})")
+    if parts:
+        findings.remark("log.unused-columns", "; ".join(parts))
 
 
 def _read_raw(path: Path) -> RawLog:
@@ -113,5 +122,9 @@ def _check_time(time: FloatArray, processing: Processing, findings: Findings) ->
         )
         more = f"; {len(back)} steps are like that" if len(back) > 1 else ""
         findings.refuse("log.time-order", f"{text} at {time[at]:.9g} s{more}")
+    elif len(steps) and np.all(np.isfinite(steps)):
+        uneven = describe_uneven(time, file=findings.file)
+        if uneven is not None:
+            findings.mistakes.append(uneven)
     if len(time) < find_least_samples(processing):
         findings.mistakes.append(describe_too_short(len(time), processing, file=findings.file))

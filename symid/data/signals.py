@@ -4,10 +4,15 @@ Input: `Recording`, `Processing`. Output: `Signals` at full rate; matrices of fe
 
     Recording -> position filtered -> velocity, acceleration -> ends cut -> Signals
 
-Supported: uniform sampling. Velocities and accelerations come from the filtered position,
-so that both pass exactly the filter that the position passed.
+Supported: uniform sampling; a step above 1.5 median periods is a gap, steps that scatter by more than
+20 % (root mean square) are jitter, and both are refused. Velocities and accelerations come from the
+filtered position, so that both pass exactly the filter that the position passed.
 Not supported: a logged velocity instead of the differentiated position.
 """
+
+from dataclasses import replace
+
+import numpy as np
 
 from symid.arrays import FloatArray
 from symid.data.filters import decimate, differentiate, find_pad_length, low_pass
@@ -15,21 +20,39 @@ from symid.data.recording import Recording, Signals
 from symid.errors import LogError, Notice
 from symid.robot.description import Decimation, Processing
 
-__all__ = ["decimate_columns", "describe_too_short", "find_least_samples", "prepare_signals"]
+__all__ = [
+    "decimate_columns",
+    "describe_too_short",
+    "describe_uneven",
+    "find_least_samples",
+    "prepare_signals",
+]
+
+_GAP = 1.5
+"""Steps of time above this many median periods are gaps; 1 sample lost makes a step of 2."""
+_JITTER = 0.2
+"""Root mean square of the steps' deviations above this part of the median period is jitter."""
 
 
 def prepare_signals(recording: Recording, processing: Processing) -> Signals:
     """Return states and torques of `recording`, filtered, differentiated and cut.
 
     Raises:
-        LogError: too few samples for these settings, or a cut-off that the sample rate does not carry.
+        LogError: too few samples for these settings, uneven sampling, or a cut-off that the sample
+            rate does not carry.
     """
     least = find_least_samples(processing)
     if len(recording.time) < least:
         raise LogError(describe_too_short(len(recording.time), processing, file=recording.source))
+    uneven = describe_uneven(recording.time, file=recording.source)
+    if uneven is not None:
+        raise LogError(uneven)
     period = recording.period
-    q = _smooth(recording.position, period, processing)
-    tau = _smooth(recording.torque, period, processing) if processing.filter_torque else recording.torque
+    try:
+        q = _smooth(recording.position, period, processing)
+        tau = _smooth(recording.torque, period, processing) if processing.filter_torque else recording.torque
+    except LogError as error:
+        raise LogError(*(replace(notice, file=recording.source) for notice in error.notices)) from error
     dq = differentiate(q, period)
     ddq = differentiate(dq, period)
     kept = slice(processing.drop_first, len(recording.time) - processing.drop_last)
@@ -66,6 +89,34 @@ def describe_too_short(samples: int, processing: Processing, file: str = "") -> 
         text=f"the log has {samples} samples; filter, cut ends ({processing.drop_first} first, "
         f"{processing.drop_last} last) and decimation need {find_least_samples(processing)} at least",
     )
+
+
+def describe_uneven(time: FloatArray, file: str = "") -> Notice | None:
+    """Return what is wrong with the sampling of `time` (N,) in s, None where filters may take it as even."""
+    steps = np.diff(time)
+    period = float(np.median(steps))
+    gaps = np.flatnonzero(steps > _GAP * period)
+    if len(gaps):
+        first = int(gaps[0])
+        text = (
+            f"samples are missing, or time comes in bursts: {len(gaps)} steps are longer than {_GAP:g} "
+            f"periods of {period:.6g} s, the first after sample {first} (counted from 0), "
+            f"from {time[first]:.6g} s to {time[first + 1]:.6g} s; "
+            "cut the log there and give the pieces as separate files, or resample it evenly"
+        )
+        return Notice(code="log.gap", text=text, file=file)
+    scatter = float(np.sqrt(np.mean((steps / period - 1.0) ** 2)))
+    if scatter > _JITTER:
+        away = np.flatnonzero(np.abs(steps - period) > _JITTER * period)
+        first = int(away[0])
+        text = (
+            f"time is not sampled evenly: its steps scatter by {100 * scatter:.3g} % (root mean square) "
+            f"about {period:.6g} s, {100 * _JITTER:g} % at most are accepted; {len(away)} steps are further "
+            f"off, the first after sample {first} (counted from 0), at {time[first]:.6g} s; "
+            "resample the log evenly"
+        )
+        return Notice(code="log.jitter", text=text, file=file)
+    return None
 
 
 def _smooth(values: FloatArray, period: float, processing: Processing) -> FloatArray:

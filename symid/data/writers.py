@@ -25,6 +25,9 @@ from symid.robot.description import JointKind, Robot
 
 __all__ = ["write_recording"]
 
+_MODE = 0o644
+"""Rights of a log, less those that the user's umask withholds; temporary files have fewer."""
+
 
 def write_recording(recording: Recording, path: Path, robot: Robot) -> Path:
     """Write the recording to `path` (.npz or .csv), in place of an older file; return the path.
@@ -43,6 +46,7 @@ def write_recording(recording: Recording, path: Path, robot: Robot) -> Path:
         try:
             with os.fdopen(handle, "wb") as stream:
                 writer(stream, recording, robot)
+            Path(temporary).chmod(_MODE & ~_read_umask())
             Path(temporary).replace(path)
         except BaseException:
             Path(temporary).unlink(missing_ok=True)
@@ -51,6 +55,13 @@ def write_recording(recording: Recording, path: Path, robot: Robot) -> Path:
         text = f"the log cannot be written: {error.strerror or error}"
         raise OutputError(Notice(code="output.unwritable", text=text, file=str(path))) from error
     return path
+
+
+def _read_umask() -> int:
+    """Return the rights that this process withholds; they can only be read by setting them."""
+    mask = os.umask(0o077)
+    os.umask(mask)
+    return mask
 
 
 def _list_quantities(recording: Recording) -> list[tuple[str, FloatArray]]:

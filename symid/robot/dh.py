@@ -120,7 +120,8 @@ def read_angle(section: Section, key: str) -> Angle:
     angle = find_angle(radians)
     if angle.snapped_by:
         quarters = round(angle.radians / (math.pi / 2))
-        text = f"{section.show(key)} was moved by {angle.snapped_by:.2e} rad to {quarters}*pi/2; write it so"
+        exact = {0: "0", 1: "pi/2", -1: "-pi/2", 2: "pi", -2: "-pi"}.get(quarters, f"{quarters}*pi/2")
+        text = f'{section.show(key)} was moved by {angle.snapped_by:.2e} rad; write it as "{exact}"'
         section.warn("robot.angle-snapped", key, text)
     return angle
 

@@ -66,7 +66,7 @@ def read_joints(
             kind=kind,
             parent=parent,
             placement=place_row(rows[index], before, convention),
-            inertial=read_inertial(section, frame, symbols),
+            inertial=_read_inertial(section, frame, symbols),
             drive=_read_drive(section),
             friction=_read_friction(section, prismatic=prismatic),
             limits=_read_limits(section, prismatic=prismatic),
@@ -86,13 +86,21 @@ def _list_sections(root: Section) -> list[Section]:
             "robot.missing-key", "joint", 'missing; write [[joint]] and kind = "revolute" for each joint'
         )
         return []
-    if not isinstance(tables, list) or not all(isinstance(table, Mapping) for table in tables):
+    if not isinstance(tables, list):
         root.refuse(
             "robot.wrong-type", "joint", f"expected [[joint]] in two brackets, got {root.show('joint')}"
         )
         return []
+    if not tables:
+        text = 'empty, and a robot needs a joint; write [[joint]] and kind = "revolute" for each'
+        root.refuse("robot.missing-key", "joint", text)
     sections = []
     for index, table in enumerate(tables):
+        if not isinstance(table, Mapping):
+            # The other joints are read all the same, so that their mistakes are told too.
+            text = f"expected [[joint]] in two brackets, got {root.show('joint', index)} as joint {index + 1}"
+            root.refuse("robot.wrong-type", "joint", text, index)
+            continue
         name = table.get("name")
         label = f"joint '{name}'" if isinstance(name, str) else f"joint {index + 1}"
         sections.append(Section(values=table, path=("joint", index), report=root.report, label=label))
@@ -144,6 +152,20 @@ def _read_kind(section: Section) -> JointKind:
     return JointKind(found) if found else JointKind.REVOLUTE
 
 
+def _read_inertial(
+    section: Section, frame: Placement, symbols: Mapping[str, float]
+) -> tuple[float, ...] | None:
+    """Return the ten parameters of the joint's link; a point mass is said."""
+    found = read_inertial(section, frame, symbols)
+    link: Any = section.values.get("link")
+    if found is None or "standard" in link:
+        return found
+    if not any(link.get("inertia", {}).values()):
+        text = "inertia is taken as zero: a point mass; write inertia = { xx = 0.01, yy = 0.01, zz = 0.01 }"
+        section.warn("robot.point-mass", "link", f"{text} (kg*m^2) if the link has one")
+    return found
+
+
 def _read_drive(section: Section) -> Drive:
     drive = read_table(section, "drive", ("gear", "rotor_inertia", "rotor_inertia_side", "torque_constant"))
     if drive is None:
@@ -192,6 +214,8 @@ def _read_friction(section: Section, *, prismatic: bool) -> FrictionValues:
         table.refuse_key("robot.missing-key", "model", 'missing; write model = "viscous_coulomb"')
     model = read_choice(table, "model", [kind.value for kind in FrictionKind])
     if model is None:
+        for name in names:
+            read_number(table, name, _find_friction_unit(name, prismatic=prismatic))
         return FrictionValues()
     kind = FrictionKind(model)
     _check_friction_names(table, kind, names)

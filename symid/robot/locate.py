@@ -4,6 +4,7 @@ Input: a path or a name. Output: the path of a robot file.
 """
 
 import difflib
+import os
 from pathlib import Path
 
 from symid.errors import Notice, UsageError
@@ -33,19 +34,24 @@ def find_robot_file(name_or_path: str) -> Path:
         UsageError: there is none; the message has the nearest names.
     """
     path = Path(name_or_path)
-    if path.is_file():
+    if _is_file(path):
         return path
     if path.name == name_or_path:
         stem = name_or_path.removesuffix(_SUFFIX)
         for folder in _find_folders():
             candidate = folder / f"{stem}{_SUFFIX}"
-            if candidate.is_file():
+            if _is_file(candidate):
                 return candidate
     raise UsageError(Notice(code="usage.unknown-robot", text=_explain(path)))
 
 
+def _is_file(path: Path) -> bool:
+    # Path.is_file fails on names that are longer than a file system takes.
+    return os.path.isfile(path)  # noqa: PTH113
+
+
 def _explain(path: Path) -> str:
-    if path.is_dir():
+    if os.path.isdir(path):  # noqa: PTH112  the same
         return (
             f"'{path}' is a folder; give a robot file (.toml) or a robot's name: {', '.join(list_robots())}"
         )

@@ -55,6 +55,7 @@ _CONVERTIBLE = {
 _NONE = "none"
 _HIGHEST_ORDER = Range(low=1, high=16)
 _LARGEST_RIPPLE = 3.0
+_LARGEST_FACTOR = 1000
 
 
 def read_processing(root: Section) -> Processing:
@@ -86,7 +87,7 @@ def _read_decimation(table: Section) -> Decimation:
     ripple = read_number(inner, "ripple_db", "", Range(low=0, high=_LARGEST_RIPPLE, open_low=True))
     band = read_number(inner, "band", "", Range(low=0, high=1, open_low=True))
     return Decimation(
-        factor=read_integer(inner, "factor", Range(low=1)) or standard.factor,
+        factor=read_integer(inner, "factor", Range(low=1, high=_LARGEST_FACTOR)) or standard.factor,
         order=read_integer(inner, "order", _HIGHEST_ORDER) or standard.order,
         ripple_db=float(ripple or standard.ripple_db),
         band=float(band or standard.band),

@@ -115,6 +115,13 @@ def _explain_syntax(message: str, text: str, file: str) -> Notice:
         line, column = text.count("\n") + 1, len(text) - (text.rfind("\n") + 1) + 1
     reason = _PLACE.sub("", message)
     words = f"not valid TOML: {reason[:1].lower()}{reason[1:]}"
+    bare = (
+        re.match(r"[A-Za-z]\w*", text.split("\n")[line - 1][column - 1 :])
+        if "Invalid value" in reason
+        else None
+    )
+    if bare:
+        words += f'; a text or the name of a length stands in quotes: "{bare[0]}"'
     return Notice(code="robot.syntax", text=words, file=file, line=line, column=column)
 
 

@@ -9,7 +9,8 @@ with q_m from the encoder and dq_f its low-passed difference. The logged torque 
 that of a sensor that averages over the period around it: the mean of the torques before and
 after the tick, so that it belongs to the same instant as the position.
 
-Supported: joint PD, torque limits of the robot file.
+Supported: joint PD, torque limits of the robot file. A run whose energy balance does not close, or that
+leaves ten times the position limits, is an error and never a log.
 Not supported: feed-forward, motor-side logs, elastic joints.
 """
 
@@ -30,7 +31,14 @@ __all__ = ["ExperimentOptions", "SimulationRun", "simulate_experiment"]
 
 _RUNAWAY = 1e4
 """Positions in rad or m beyond this are no motion of a robot."""
+_FAR = 10.0
+"""Nor are positions beyond so many times the limits of the joint."""
+_LARGEST_GAP = 1e-6
+"""Of work, change of energy and dissipation, relative to the largest of them."""
 _GAIN_SAMPLES = 50
+_REMEDY = (
+    "give links with mass an inertia, or lower the bandwidth or the gains, or shorten the control period"
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,12 +97,13 @@ class SimulationRun:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Control:
-    """Gains (n,), pole of the velocity filter, torque limits (n,)."""
+    """Gains (n,), pole of the velocity filter, torque limits (n,), positions that count as run away (n,)."""
 
     stiffness: FloatArray
     damping: FloatArray
     blend: float
     limit: FloatArray
+    reach: FloatArray
 
 
 def simulate_experiment(
@@ -108,7 +117,7 @@ def simulate_experiment(
 
     Raises:
         UsageError: sizes that do not fit, a value that the robot file does not state, options out of range.
-        SolverError: the controlled robot is unstable, or chatters without end.
+        SolverError: the controlled robot is unstable or too light, or chatters without end.
     """
     _check_sizes(robot, library, trajectory, options)
     plant = Plant(library)
@@ -120,6 +129,9 @@ def simulate_experiment(
     states, torque = _run(plant, sensors, control, (desired, speeds), options)
     q, dq = np.array([state.q for state in states]), np.array([state.dq for state in states])
     kinetic, potential = library.evaluate("energy", q, dq, plant.beta)
+    work = np.array([state.work for state in states])
+    dissipation = np.array([state.dissipation for state in states])
+    _check_energy(kinetic.reshape(-1), potential.reshape(-1), work, dissipation)
     # The mean of the torques before and after each tick; nothing was held before the first.
     logged = torque.copy()
     logged[1:] = 0.5 * (torque[1:] + torque[:-1])
@@ -137,8 +149,8 @@ def simulate_experiment(
         torque=torque,
         kinetic=kinetic.reshape(-1),
         potential=potential.reshape(-1),
-        work=np.array([state.work for state in states]),
-        dissipation=np.array([state.dissipation for state in states]),
+        work=work,
+        dissipation=dissipation,
         events=states[-1].events,
     )
 
@@ -164,7 +176,7 @@ def _run(
         torque[k] = np.minimum(np.maximum(demand, -control.limit), control.limit)
         state = plant.advance(state, torque[k], options.period, options.substeps)
         states.append(state)
-        if not np.abs(state.q).max() < _RUNAWAY:
+        if not (np.all(np.abs(state.q) < control.reach) and np.all(np.isfinite(state.dq))):
             raise SolverError(_describe_runaway(k, options))
     torque[-1] = torque[-2]
     return states, torque
@@ -180,7 +192,12 @@ def _build_control(
     """
     samples = np.linspace(0, len(desired) - 1, _GAIN_SAMPLES).astype(int)
     (mass,) = library.evaluate("mass_matrix", desired[samples], plant.beta)
-    inertia = np.mean(1.0 / np.diagonal(np.linalg.inv(mass), axis1=1, axis2=2), axis=0)
+    try:
+        inertia = np.mean(1.0 / np.diagonal(np.linalg.inv(mass), axis1=1, axis2=2), axis=0)
+    except np.linalg.LinAlgError as error:
+        raise SolverError(_describe_massless(robot)) from error
+    if not (np.all(np.isfinite(inertia)) and np.all(inertia > 0.0)):
+        raise SolverError(_describe_massless(robot))
     pole = 2.0 * np.pi * options.bandwidth
     limits = [joint.limits.torque for joint in robot.joints]
     return _Control(
@@ -188,7 +205,41 @@ def _build_control(
         damping=np.array(options.damping) if options.damping else 2.0 * pole * inertia,
         blend=1.0 - float(np.exp(-2.0 * np.pi * options.velocity_filter * options.period)),
         limit=np.array([np.inf if limit is None else limit for limit in limits]),
+        reach=_find_reach(robot, desired),
     )
+
+
+def _find_reach(robot: Robot, desired: FloatArray) -> FloatArray:
+    """Return the positions (n,) that no joint reaches unless it ran away."""
+    bounds = [joint.limits.position for joint in robot.joints]
+    reach = np.array([_FAR * max(map(abs, bound)) if bound else _RUNAWAY for bound in bounds])
+    furthest: FloatArray = np.maximum(reach, 2.0 * np.abs(desired).max(axis=0))
+    return furthest
+
+
+def _check_energy(
+    kinetic: FloatArray, potential: FloatArray, work: FloatArray, dissipation: FloatArray
+) -> None:
+    """Refuse a run that is not finite, or whose energy balance does not close.
+
+    Raises:
+        SolverError: the text says by how much, and what helps.
+    """
+    energy = kinetic + potential
+    change = energy - energy[0]
+    gap = float(np.abs(work - change - dissipation).max())
+    largest = max(float(np.abs(part).max()) for part in (work, kinetic, change, dissipation))
+    # What is lost in rounding of the potential is no gap.
+    scale = largest + 1e-6 * float(np.abs(potential).max())
+    if not np.isfinite(gap + scale):
+        text = f"the simulated run holds values that are not finite; {_REMEDY}"
+        raise SolverError(Notice(code="simulate.not-finite", text=text))
+    if gap > _LARGEST_GAP * scale:
+        text = (
+            f"work, energy and dissipation of the run disagree by {gap / scale:.2g} of the largest, "
+            f"{_LARGEST_GAP:g} at most are accepted: the motion is too fast for the steps; {_REMEDY}"
+        )
+        raise SolverError(Notice(code="simulate.energy", text=text))
 
 
 def _check_sizes(robot: Robot, library: Library, trajectory: Trajectory, options: ExperimentOptions) -> None:
@@ -203,7 +254,8 @@ def _check_sizes(robot: Robot, library: Library, trajectory: Trajectory, options
         if gains is not None and len(gains) != size:
             problems.append(f"{name}: {len(gains)} numbers for {size} joints")
     duration = trajectory.duration if options.duration is None else options.duration
-    if not (options.period > 0.0 and options.substeps >= 1 and duration >= 2.0 * options.period):
+    finite = np.isfinite(duration) and np.isfinite(options.period)
+    if not (finite and options.period > 0.0 and options.substeps >= 1 and duration >= 2.0 * options.period):
         problems.append(
             f"duration {duration:g} s, period {options.period:g} s, substeps {options.substeps}: "
             "the period must be positive, with one substep and two periods at least"
@@ -224,9 +276,18 @@ def _say_saturation(robot: Robot, torque: FloatArray, control: _Control) -> tupl
     )
 
 
+def _describe_massless(robot: Robot) -> Notice:
+    text = (
+        f"robot {robot.name!r} cannot be simulated: its mass matrix is singular, so a joint moves without "
+        "inertia; give every moved link a mass with an inertia, or its drive a rotor_inertia"
+    )
+    return Notice(code="simulate.massless", text=text)
+
+
 def _describe_runaway(tick: int, options: ExperimentOptions) -> Notice:
     text = (
         f"the controlled robot ran away at t = {tick * options.period:g} s: lower the bandwidth "
-        f"({options.bandwidth:g} Hz) or the gains, or shorten the control period ({options.period:g} s)"
+        f"({options.bandwidth:g} Hz) or the gains, shorten the control period ({options.period:g} s), "
+        "or give links with mass an inertia"
     )
     return Notice(code="simulate.unstable", text=text)

@@ -6,6 +6,7 @@ Supported: encoders on the joint side, white Gaussian torque noise.
 Not supported: delays, offsets, coloured noise.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,11 +50,14 @@ def build_sensors(robot: Robot, options: SensorOptions) -> Sensors:
         UsageError: the numbers are not positive, or do not belong to this robot.
     """
     counts, noise = options.counts_per_turn, options.torque_noise
-    if counts is not None and not counts > 0.0:
-        text = f"counts per turn must be positive, got {counts:g}"
+    if counts is not None and not 0.0 < counts < math.inf:
+        text = f"counts per turn must be positive and finite, got {counts:g}"
         raise UsageError(Notice(code="usage.sensor-counts", text=text))
-    if len(noise) not in {1, robot.size} or not all(value >= 0.0 for value in noise):
-        text = f"torque noise: one number for all or {robot.size} numbers, none negative; got {noise}"
+    if len(noise) not in {1, robot.size} or not all(0.0 <= value < math.inf for value in noise):
+        text = (
+            f"torque noise: one number for all or {robot.size} numbers, "
+            f"none negative, all finite; got {noise}"
+        )
         raise UsageError(Notice(code="usage.sensor-noise", text=text))
     turn = np.array([1.0 if joint.kind is JointKind.PRISMATIC else 2.0 * np.pi for joint in robot.joints])
     return Sensors(

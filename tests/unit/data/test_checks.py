@@ -44,12 +44,6 @@ def test_jitter(check):
     assert "differ by up to 20 % from 0.001 s" in check(time=change(T, 100, T[100] + 2e-4))["log.jitter"]
 
 
-def test_a_gap_says_where(check):
-    found = check(time=np.where(T > 1.0, T + 0.5, T))
-    assert "1 steps are longer" in found["log.gap"]
-    assert "from 1 s to 1.501 s" in found["log.gap"]
-
-
 def test_a_joint_that_never_moves(check):
     found = check(position=change(GOOD.position, np.s_[:, 1], 0.3))
     assert found == {"log.constant-position": "joint 'joint2' never moves in this log"}

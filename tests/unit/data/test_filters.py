@@ -40,6 +40,54 @@ def test_filters_are_linear_keep_lines_and_mirror_with_time(seed, order, cutoff)
     np.testing.assert_allclose(run(x)[::-1][200:400], run(x[::-1])[200:400], atol=1e-4)
 
 
+@given(
+    order=st.integers(1, 16),
+    cutoff=st.floats(1e-3, 0.9),
+    level=st.floats(-9.0, 9.0),
+    part=st.floats(0.05, 1.2),
+)
+def test_the_low_pass_keeps_level_and_amplitude_at_any_order_and_cutoff(order, cutoff, level, part):
+    """Cut-offs as parts of half the sample rate; the gain at part w of the cut-off is 1/(1 + r^2n)."""
+    samples = min(200_000, round(2000 + 400 * order / cutoff))
+    middle = slice(2 * samples // 5, 3 * samples // 5)
+    constant = low_pass(np.full(samples, level), period=0.5, cutoff=cutoff, order=order)
+    np.testing.assert_allclose(constant, level, atol=1e-6)
+    omega = np.pi * min(part * cutoff, 0.95)
+    ratio = np.tan(omega / 2) / np.tan(np.pi * cutoff / 2)
+    wave = np.sin(omega * np.arange(samples))
+    smooth = low_pass(wave, period=0.5, cutoff=cutoff, order=order)
+    np.testing.assert_allclose(smooth[middle], wave[middle] / (1 + ratio ** (2 * order)), atol=1e-3)
+
+
+@given(
+    order=st.integers(1, 16),
+    factor=st.integers(2, 1000),
+    band=st.floats(0.1, 0.95),
+    ripple=st.floats(0.01, 3),
+)
+def test_decimation_keeps_slow_signals_within_the_ripple_at_any_order_and_factor(order, factor, band, ripple):
+    decimation = Decimation(factor=factor, order=order, band=band, ripple_db=ripple)
+    kept = decimate(np.ones(40 * factor + 3 * order), decimation)
+    least = 10 ** (-ripple / 10)
+    assert least - 1e-6 < kept.min()
+    assert kept.max() < 1 + 1e-6
+    times = np.arange(min(60 * factor, 60_000) * 5)
+    wave = decimate(np.sin(0.5 * np.pi * band / factor * times), decimation)
+    middle = np.abs(wave[len(wave) // 3 : 2 * len(wave) // 3])
+    # The filter still rings a little from the ends.
+    assert middle.max() < 1.05
+    noise_band = find_noise_band(Processing(decimation=decimation), 1e-3)
+    assert 0.0 < noise_band <= 1.0
+
+
+@pytest.mark.parametrize("factor", [2, 10, 100, 1000])
+def test_the_noise_band_of_a_decimation_hardly_depends_on_its_factor(factor):
+    wide = find_noise_band(Processing(decimation=Decimation(factor=factor)), 1e-3)
+    assert wide == pytest.approx(
+        find_noise_band(Processing(decimation=Decimation(factor=10)), 1e-3), rel=0.03
+    )
+
+
 def test_every_column_is_filtered_alike():
     x = np.random.default_rng(1).normal(size=(500, 3))
     whole = decimate_columns(x, Decimation(factor=5))
@@ -108,11 +156,40 @@ def test_a_log_of_just_enough_samples_passes_and_one_less_does_not():
         prepare_signals(record(least - 1), processing)
 
 
+def test_a_gap_in_time_is_refused_and_said_where():
+    t = np.where(TIMES[:1000] > 0.4, TIMES[:1000] + 0.5, TIMES[:1000])
+    recording = Recording(time=t, position=np.sin(t)[:, None], torque=np.cos(t)[:, None], source="run.csv")
+    with pytest.raises(
+        LogError, match=r"run.csv: samples are missing, .*: 1 steps .* after sample 400"
+    ) as caught:
+        prepare_signals(recording, Processing())
+    (notice,) = caught.value.notices
+    assert notice.code == "log.gap"
+    assert "from 0.4 s to 0.901 s; cut the log there and give the pieces as separate files" in notice.text
+
+
+@pytest.mark.parametrize(("share", "accepted"), [(0.1, True), (0.3, False)])
+def test_strong_jitter_is_refused_and_weak_jitter_is_not(share, accepted):
+    t = TIMES[:1000] + T * share * 0.5 * np.random.default_rng(2).uniform(-1, 1, 1000)
+    recording = Recording(time=t, position=np.sin(t)[:, None], torque=np.cos(t)[:, None])
+    if accepted:
+        assert prepare_signals(recording, Processing()).period == pytest.approx(T, rel=1e-3)
+        return
+    uneven = np.cumsum(1.0 + share * (np.arange(1000) % 3 - 1.0)) * T
+    with pytest.raises(LogError, match="resample the log evenly") as caught:
+        prepare_signals(
+            Recording(time=uneven, position=recording.position, torque=recording.torque), Processing()
+        )
+    assert caught.value.notices[0].code == "log.jitter"
+    assert "666 steps are further off, the first after sample 1" in str(caught.value)
+
+
 @pytest.mark.parametrize("cutoff", [500.0, 900.0])
 def test_a_cutoff_above_half_the_sample_rate_is_refused(cutoff):
     with pytest.raises(LogError, match="between 0 and 500 Hz") as caught:
         prepare_signals(record(), Processing(filter_cutoff=cutoff))
     assert caught.value.notices[0].code == "log.filter-cutoff"
+    assert caught.value.notices[0].file == "run"
 
 
 def test_too_few_rows_to_decimate_are_refused():

@@ -1,12 +1,14 @@
 """Readers: what they make of good logs, and the sentence every bad log gets."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.io import savemat
 
 from symid.data.readers import read_recording
 from symid.errors import LogError
-from symid.robot.description import Decimation, JointKind, Processing, Robot
+from symid.robot.description import Decimation, Drive, JointKind, Processing, Robot
 
 P = JointKind.PRISMATIC
 
@@ -33,6 +35,79 @@ def test_arrays_under_their_own_names(make_robot, columns, write_npz):
 def test_a_velocity_is_read_where_there_is_one(make_robot, columns, write_npz):
     recording = read_recording(write_npz(**columns, dq=2.0 * columns["q"]), make_robot())
     np.testing.assert_array_equal(recording.velocity, 2.0 * columns["q"])
+    said = remarks(recording)["log.unused-columns"]
+    assert said.startswith("velocity was read but is not used: velocities come from the filtered position")
+
+
+def test_a_hole_in_a_logged_velocity_stops_nothing(make_robot, columns, write_npz):
+    dq = columns["q"].copy()
+    dq[3, 1] = np.nan
+    recording = read_recording(write_npz(**columns, dq=dq, extra=columns["t"]), make_robot())
+    assert np.isnan(recording.velocity[3, 1])
+    assert "not used: extra; velocity was read" in remarks(recording)["log.unused-columns"]
+
+
+def write_csv(tmp_path, heading):
+    path = tmp_path / "log.csv"
+    width = heading.count(",") + 1
+    path.write_text(heading + "\n" + "".join(f"{k}{',1' * (width - 1)}\n" for k in range(9)))
+    return path
+
+
+def test_a_unit_of_one_column_is_not_that_of_its_neighbours(make_robot, tmp_path):
+    found = problems(write_csv(tmp_path, "t,q1 [deg],q2,tau1,tau2"), make_robot())
+    assert "no unit is stated for 'q2', but for its neighbours (deg)" in found["log.mixed-units"]
+
+
+@pytest.mark.parametrize(
+    ("heading", "text"),
+    [
+        ("t,q1,q3,tau1,tau2", "position: 'q1', 'q3' do not count the joints"),
+        ("t,q2,q3,tau1,tau2", "position: 'q2', 'q3' do not count the joints"),
+        ("t,q1,q_1,tau1,tau2", "do not count the joints as 1, 2 ... or 0, 1 ...; say in [log.position]"),
+        ("t,q0,q1,tau1,tau2", "torque is numbered from 1 ('tau1', 'tau2'), position from 0"),
+        ("t,q1,q2,dq0,dq1,tau1,tau2", "velocity is numbered from 0"),
+    ],
+)
+def test_numbered_columns_must_count_the_joints(make_robot, tmp_path, heading, text):
+    assert text in problems(write_csv(tmp_path, heading), make_robot())["log.joint-numbers"]
+
+
+def test_columns_may_be_counted_from_zero(make_robot, tmp_path):
+    assert read_recording(write_csv(tmp_path, "t,q0,q1,tau0,tau1"), make_robot()).position.shape == (9, 2)
+
+
+def test_a_missing_column_without_a_map_names_the_names_and_the_setting(make_robot, tmp_path):
+    found = problems(write_csv(tmp_path, "stamp,a,b,tau1,tau2"), make_robot())["log.missing-column"]
+    assert "without [log.position] it is looked up as q or q1, q2 ... or position or position1" in found
+    assert "--set log.position.columns=NAME,NAME --set log.position.unit=UNIT" in found
+
+
+def test_a_factor_of_one_is_a_factor(make_robot, columns, write_npz):
+    recording = read_recording(write_npz(**columns), make_robot(torque=(("tau",), "V", (1.0,))))
+    np.testing.assert_array_equal(recording.torque, columns["tau"])
+    assert "'tau' in V was multiplied by 1" in remarks(recording)["log.converted"]
+
+
+def test_a_motor_side_without_a_gear_is_said(make_robot, columns, write_npz):
+    robot = make_robot(torque=(("tau",), "N m", (1.0,), "motor"))
+    said = remarks(read_recording(write_npz(**columns), robot))["log.converted"]
+    assert "multiplied by 1 (motor side, gear included: 1)" in said
+
+
+def test_a_current_names_its_constant_and_gear(make_robot, columns, write_npz):
+    robot = make_robot(gears=(50.0, 80.0), torque=(("tau",), "mA", (5.0, 16.0)))
+    drives = (Drive(gear=50.0, torque_constant=0.1), Drive(gear=80.0, torque_constant=0.2))
+    joints = tuple(replace(joint, drive=drive) for joint, drive in zip(robot.joints, drives, strict=True))
+    recording = read_recording(write_npz(**columns), replace(robot, joints=joints))
+    said = remarks(recording)["log.converted"]
+    assert "by 0.005, 0.016 (torque constant 0.1, 0.2 N m/A times gear 50, 80)" in said
+
+
+def test_a_unit_of_another_dimension_than_the_robot_file_asks_for(make_robot, tmp_path):
+    path = write_csv(tmp_path, "t,q1,q2,tau1 [A],tau2 [A]")
+    robot = make_robot(torque=(("tau1", "tau2"), "N m"))
+    assert "current is not torque; correct the unit" in problems(path, robot)["log.unit-differs"]
 
 
 def test_columns_that_are_not_used_are_said_and_kept(make_robot, columns, write_npz):
@@ -54,7 +129,7 @@ def test_motor_side_logs_are_brought_to_the_joint(make_robot, columns, write_npz
     np.testing.assert_allclose(recording.position, np.radians(columns["q"]) / [50.0, -80.0])
     np.testing.assert_allclose(recording.torque, columns["tau"] * 1e-3 * [0.2 * 50.0, 0.3 * -80.0])
     texts = [notice.text for notice in recording.notices]
-    assert all("(motor side, gear included)" in text for text in texts)
+    assert all("(motor side, gear included: 50, -80)" in text for text in texts)
     assert "'i1', 'i2' in mA was multiplied by 0.01, -0.024" in texts[1]
 
 
@@ -118,6 +193,12 @@ def test_all_mistakes_are_said_at_once(make_robot, columns, write_npz):
     assert "sample 7, column 1" in found["log.not-finite"]
 
 
+def test_a_log_with_a_gap_is_refused(make_robot, columns, write_npz):
+    t = columns["t"] + 0.3 * (np.arange(50) > 30)
+    found = problems(write_npz(**{**columns, "t": t}), make_robot())
+    assert "the first after sample 30 (counted from 0), from 0.3 s to 0.61 s" in found["log.gap"]
+
+
 def test_the_wrong_number_of_joints(make_robot, columns, write_npz):
     found = problems(write_npz(**columns), make_robot((JointKind.REVOLUTE,) * 3))
     assert "has 2 columns ('q'), the robot 3 joints" in dict(found)["log.joint-count"].replace("tau", "q")
@@ -142,13 +223,17 @@ def test_numbered_columns_go_by_number_not_by_letter(make_robot, write_npz):
         ("Nmm", "log.unknown-unit", "there is no unit 'Nmm'; did you mean"),
         ("qwzx", "log.unknown-unit", "leave it out if the column is in SI units"),
         ("rad", "log.wrong-unit", "a unit of angle; joint 'joint1' needs torque"),
-        ("V", "log.wrong-unit", "a unit of voltage, for which a factor is needed"),
         ("N", "log.wrong-unit", "a unit of force; joint 'joint1' needs torque"),
     ],
 )
 def test_units_that_do_not_exist_or_do_not_fit(make_robot, columns, write_npz, case):
     unit, code, text = case
     assert text in problems(write_npz(**columns), make_robot(torque=(("tau",), unit)))[code]
+
+
+def test_a_heading_in_volts_needs_a_factor(make_robot, tmp_path):
+    found = problems(write_csv(tmp_path, "t,q1,q2,tau1 [V],tau2 [V]"), make_robot())
+    assert "a unit of voltage, for which a factor is needed" in found["log.wrong-unit"]
 
 
 def test_a_time_in_a_unit_of_length(make_robot, columns, write_npz):
@@ -214,6 +299,10 @@ def test_objects_are_never_unpickled(make_robot, columns, write_npz):
         ("log.npz", b"no archive", "log.format", "not a NumPy archive"),
         ("log.npz", b"PK\x03\x04 broken", "log.format", "not a NumPy archive"),
         ("log.npz", b"", "log.format", "not a NumPy archive"),
+        ("log.npz", b"\x80\x04\x95random", "log.format", "archives are written by numpy.savez"),
+        ("log.csv", b"t,q1\n0," + b"1" * 140_000 + b"\n", "log.format", "not a table that can be read"),
+        ("log.csv", b"t,q1,q2,tau1,tau2\n", "log.too-short", "the log has 0 samples"),
+        ("log.csv", b"t,q1\n0,1_000\n", "log.not-a-number", "'1_000' is not a number"),
         ("log.mat", b"no matlab file at all, but long enough" * 10, "log.format", "not a MATLAB file"),
         ("log.mat", b"", "log.format", "not a MATLAB file"),
         ("log.mat", b"MATLAB 7.3".ljust(512) + b"\x89HDF\r\n\x1a\n", "log.format", "save it with"),
@@ -224,12 +313,19 @@ def test_objects_are_never_unpickled(make_robot, columns, write_npz):
         ("log.bag", b"", "log.unknown-suffix", "must be one of .mat, .npz, .csv, .txt, got '.bag'"),
         ("log", b"", "log.unknown-suffix", "got no suffix"),
     ],
-    ids=range(12),
+    ids=range(16),
 )
 def test_files_that_are_no_logs(make_robot, tmp_path, case):
     name, content, code, text = case
     (tmp_path / name).write_bytes(content)
     assert text in problems(tmp_path / name, make_robot())[code]
+
+
+def test_arrays_of_no_samples(make_robot, write_npz):
+    path = write_npz(t=np.zeros(0), q=np.zeros((0, 2)), tau=np.zeros((0, 2)))
+    assert "the log has 0 samples" in problems(path, make_robot())["log.too-short"]
+    path = write_npz(t=np.zeros(0), q=np.zeros(0), tau=np.zeros(0))
+    assert "the log has 0 samples" in problems(path, make_robot((JointKind.REVOLUTE,)))["log.too-short"]
 
 
 def test_files_that_are_not_there(make_robot, tmp_path):

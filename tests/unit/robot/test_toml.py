@@ -13,12 +13,6 @@ HEAD = 'convention = "modified"\ngravity = [0, 0, -9.81]\n'
 JOINT = '[[joint]]\nname = "shoulder"\nkind = "revolute"\n'
 
 
-def find_errors(text):
-    with pytest.raises(RobotError) as caught:
-        parse_robot(text, "arm.toml")
-    return [(notice.code, notice.line, notice.column, notice.text) for notice in caught.value.notices]
-
-
 def test_many_mistakes_are_told_at_once_with_their_places():
     text = """name = "arm"
 gravity = [0, 0, "down"]
@@ -63,6 +57,7 @@ MISTAKES = [
     ("robot.missing-key", 'convention = "modified"\n' + JOINT, 1, 1, "gravity = [0, 0, -9.81]"),
     ("robot.missing-key", HEAD, 1, 1, "[[joint]]"),
     ("robot.missing-key", HEAD + '[[joint]]\nname = "a"\n', 3, 1, 'kind = "revolute"'),
+    ("robot.out-of-range", HEAD + JOINT + "[processing.decimation]\nfactor = 1001\n", 7, 10, "at most 1000"),
     ("robot.missing-key", HEAD + JOINT + "link = { com = [0, 0, 1] }\n", 6, 8, "mass = 1.5"),
     ("robot.missing-key", HEAD + JOINT + "link = { standard = { XX = 1 } }\n", 6, 21, "M = 1.5"),
     ("robot.missing-key", HEAD + JOINT + "friction = { Fv = 1 }\n", 6, 12, 'model = "viscous_coulomb"'),
@@ -223,8 +218,9 @@ def test_a_mistake_is_told_once_with_its_place_and_remedy(code, text, line, colu
 
 
 REMARKS = [
-    ("robot.angle-snapped", "alpha = 1.5708\n", 6, 9, "moved by -3.67e-06 rad to 1*pi/2"),
+    ("robot.angle-snapped", "alpha = 1.5708\n", 6, 9, 'moved by -3.67e-06 rad; write it as "pi/2"'),
     ("robot.large-angle", "theta = 90\n", 6, 9, '"90 deg"'),
+    ("robot.point-mass", "link = { mass = 1.0 }\n", 6, 8, "inertia is taken as zero: a point mass"),
     ("robot.long-length", "a = 425\n", 6, 5, "425 m is long"),
     (
         "robot.negative-friction",
@@ -337,3 +333,62 @@ def test_the_children_of_a_standard_tree_stand_at_the_far_end_of_their_parent():
     assert [joint.parent for joint in robot.joints] == [-1, 0, 0]
     assert [str(entry) for entry in robot.joints[1].placement.translation] == ["1/2", "0", "0"]
     assert [str(entry) for entry in robot.joints[2].placement.translation] == ["1/2", "-1/10", "0"]
+
+
+def find_texts(text):
+    with pytest.raises(RobotError) as caught:
+        parse_robot(text)
+    return [notice.text for notice in caught.value.notices]
+
+
+def test_an_empty_list_of_joints_is_refused():
+    assert "a robot needs a joint" in "\n".join(find_texts(HEAD + "joint = []\n"))
+
+
+def test_one_joint_that_is_no_table_does_not_hide_the_mistakes_of_the_others():
+    texts = find_texts(HEAD + 'joint = [1, { kind = "revolut" }, { kind = "revolute", alpha = "x y" }]\n')
+    assert any("expected [[joint]] in two brackets, got 1 as joint 1" in text for text in texts)
+    assert any("joint 2: kind" in text for text in texts)
+    assert any("joint 3: alpha" in text for text in texts)
+
+
+def test_a_wrong_friction_model_does_not_hide_wrong_values():
+    texts = find_texts(HEAD + JOINT + 'friction = { model = "coulom", Fv = "much", Fc = true }\n')
+    assert [text.split(":")[2].strip() for text in texts] == ["model", "Fv", "Fc"]
+
+
+@pytest.mark.parametrize(
+    ("link", "said"),
+    [
+        ("{ mass = 1.0 }", True),
+        ("{ mass = 1.0, inertia = { xx = 0.0, yy = 0.0, zz = 0.0 } }", True),
+        ("{ mass = 1.0, inertia = { xx = 0.1, yy = 0.1, zz = 0.1 } }", False),
+        ("{ standard = { M = 1.0 } }", False),
+    ],
+)
+def test_a_point_mass_is_said(link, said):
+    notices = parse_robot(HEAD + JOINT + f"link = {link}\n").notices
+    assert [notice.code for notice in notices] == ["robot.point-mass"] * said
+    assert all(
+        "joint 'shoulder': link: inertia is taken as zero: a point mass" in notice.text for notice in notices
+    )
+
+
+def find_errors(text):
+    with pytest.raises(RobotError) as caught:
+        parse_robot(text, "arm.toml")
+    return [(notice.code, notice.line, notice.column, notice.text) for notice in caught.value.notices]
+
+
+def test_a_factor_of_one_may_be_stated():
+    log = '[log.torque]\ncolumns = ["u"]\nunit = "V"\nfactor = 1\n'
+    torque = parse_robot(HEAD + JOINT + log).log.torque
+    assert (torque.unit, torque.factor) == ("V", (1.0,))
+
+
+def test_a_name_without_quotes_is_the_likeliest_mistake():
+    text = 'convention = "modified"\ngravity = [0, 0, -9.81]\n[[joint]]\nkind = "revolute"\nd = H\n'
+    with pytest.raises(RobotError, match='stands in quotes: "H"') as caught:
+        parse_robot(text, "arm.toml")
+    notice = caught.value.notices[0]
+    assert (notice.line, notice.column) == (5, 5)

@@ -88,6 +88,43 @@ def test_an_unstable_loop_is_an_error_with_a_remedy(make_robot, arm):
     assert caught.value.notices[0].code == "simulate.unstable"
 
 
+def test_leaving_ten_times_the_limits_is_running_away(make_robot, arm):
+    robot = make_robot(2, limits=(Limits(position=(-0.5, 0.5)), Limits(position=(-0.5, 0.5))))
+    # Far too weak to carry the arm, which falls and swings through.
+    weak = replace(CLEAN, duration=4.0, stiffness=(1e-3, 1e-3), damping=(-6.0, -6.0))
+    with pytest.raises(SolverError, match="ran away") as caught:
+        simulate(robot, arm, weak)
+    assert caught.value.notices[0].code == "simulate.unstable"
+
+
+def test_a_robot_without_inertia_is_an_error_with_a_remedy(make_robot, make_library):
+    kinds, friction = ("viscous_coulomb", "viscous_coulomb"), (0.1, 0.1, 0.1, 0.1)
+    massless = make_library("arm", (1.0, 0.0, 0.0, 1.0, 0.0), kinds, friction)
+    with pytest.raises(SolverError, match="give every moved link a mass with an inertia") as caught:
+        simulate(make_robot(2), massless)
+    assert caught.value.notices[0].code == "simulate.massless"
+
+
+def test_a_balance_that_does_not_close_is_an_error_with_a_remedy(make_robot, arm):
+    arm.energy = lambda q, dq, _beta: (dq @ dq, np.sin(q[0]))
+    with pytest.raises(SolverError, match=r"disagree by .* give links with mass an inertia") as caught:
+        simulate(make_robot(2), arm, replace(CLEAN, duration=0.5))
+    assert caught.value.notices[0].code == "simulate.energy"
+
+
+def test_a_run_that_is_not_finite_is_an_error(make_robot, arm):
+    arm.energy = lambda _q, _dq, _beta: (np.nan, 0.0)
+    with pytest.raises(SolverError, match="not finite") as caught:
+        simulate(make_robot(2), arm, replace(CLEAN, duration=0.1))
+    assert caught.value.notices[0].code == "simulate.not-finite"
+
+
+@pytest.mark.parametrize("duration", [np.inf, np.nan])
+def test_a_duration_without_end_is_refused(make_robot, arm, duration):
+    with pytest.raises(UsageError, match="duration"):
+        simulate(make_robot(2), arm, replace(CLEAN, duration=duration))
+
+
 def test_all_sizes_that_do_not_fit_are_said_at_once(make_robot, arm):
     options = replace(CLEAN, stiffness=(1.0,), period=0.0)
     with pytest.raises(UsageError) as caught:
@@ -122,6 +159,9 @@ def test_torque_noise_has_its_standard_deviation(make_robot):
             "one number for all or 2 numbers",
         ),
         (SensorOptions(torque_noise=(-1.0,)), "usage.sensor-noise", "none negative"),
+        (SensorOptions(torque_noise=(np.inf,)), "usage.sensor-noise", "all finite"),
+        (SensorOptions(torque_noise=(np.nan, 0.0)), "usage.sensor-noise", "all finite"),
+        (SensorOptions(counts_per_turn=np.inf), "usage.sensor-counts", "positive and finite"),
     ],
 )
 def test_sensors_that_cannot_be(make_robot, options, code, text):
