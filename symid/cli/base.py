@@ -41,7 +41,7 @@ def command(console: Console, *, robot: str, friction: str | None) -> Answer:
     friction_entries = [_describe(described, entry, values) for entry in base.friction]
     eliminated = [{"name": entry.name, "reason": entry.reason} for entry in base.eliminated]
     whole = base.count + sum(entry.label[1] in inertial for entry in base.eliminated)
-    text = [f"{described.name}: {base.count} base parameters of {whole}"]
+    text = [f"{described.name}: {base.count} base parameter{'s' if base.count != 1 else ''} of {whole}"]
     text += [_show(entry) for entry in parameters]
     if friction_entries:
         text += ["", "friction parameters", *(_show(entry) for entry in friction_entries)]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from symid.cli.inputs import load_robot
-from symid.cli.options import force_option, friction_option, output_option, verb
+from symid.cli.options import force_folder_option, friction_option, output_option, verb
 from symid.cli.output import Answer, Console, format_table
 from symid.errors import GenerationError, Notice
 
@@ -37,7 +37,7 @@ _TIMEOUT = 600.0
 @click.option("--function", "names", multiple=True, metavar="NAME", help="This one only; may be repeated.")
 @friction_option
 @output_option("Folder of the sources.", required=True, folder=True)
-@force_option
+@force_folder_option
 @verb
 def command(
     console: Console,

@@ -3,22 +3,26 @@
 Input: texts of the command line. Output: `Robot`, `Library`, `Recording`, `Estimate`.
 """
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from decimal import Decimal
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from symid.cli.output import Console
-from symid.errors import EstimateError, Notice, OutputError
+from symid.errors import EstimateError, Notice, OutputError, RobotError, UsageError
 
 if TYPE_CHECKING:  # these load numpy, which a usage error must not wait for
     from symid.codegen.library import Library
     from symid.data.recording import Recording
     from symid.identification.estimate import Estimate
-    from symid.robot.description import Processing, Robot
+    from symid.robot.description import Robot
 
 __all__ = [
+    "check_distinct",
     "check_output",
+    "describe_origin",
     "describe_settings",
     "load_robot",
     "load_robot_library",
@@ -36,11 +40,20 @@ def load_robot(name: str, settings: Sequence[tuple[str, str]] = (), friction: st
         RobotError: the file is wrong.
     """
     from symid.robot.locate import find_robot_file
-    from symid.robot.overrides import override_robot
     from symid.robot.toml import read_robot
 
     robot = read_robot(find_robot_file(name))
-    return override_robot(robot, settings, friction) if settings or friction else robot
+    return _override(robot, settings, friction) if settings or friction else robot
+
+
+def _override(robot: "Robot", settings: Sequence[tuple[str, str]], friction: str | None) -> "Robot":
+    """Return `robot` with other settings; what is wrong with one is wrong with the call, not the file."""
+    from symid.robot.overrides import override_robot
+
+    try:
+        return override_robot(robot, settings, friction)
+    except RobotError as error:
+        raise UsageError(*error.notices) from error
 
 
 def load_robot_library(robot: "Robot", console: Console) -> "Library":
@@ -71,33 +84,93 @@ def read_logs(paths: Sequence[Path], robot: "Robot") -> tuple["Recording", ...]:
     return tuple(recordings)
 
 
-def load_robot_of_estimate(name: str, estimate: "Estimate", settings: Sequence[tuple[str, str]]) -> "Robot":
-    """Return the robot as it was when identified: with the estimate's friction and processing.
+def check_distinct(paths: Sequence[Path]) -> None:
+    """Refuse a log that is given twice: it would count double, and its noise as less than it is.
 
-    Settings of the command line come last, and win.
+    Raises:
+        UsageError: two paths lead to one file, or to files of the same content.
+    """
+    from symid.identification.validate import find_digest
+
+    seen: dict[object, Path] = {}
+    for path in paths:
+        for mark in {path.resolve(), find_digest(str(path)) or path.resolve()}:
+            if mark in seen:
+                text = f"the same log as {seen[mark]}; give each log once"
+                raise UsageError(Notice(code="usage.same-log", text=text, file=str(path)))
+        seen |= {path.resolve(): path, find_digest(str(path)) or path.resolve(): path}
+
+
+def load_robot_of_estimate(name: str, estimate: "Estimate", settings: Sequence[tuple[str, str]]) -> "Robot":
+    """Return the robot as it was when identified: with the estimate's friction, log map and processing.
+
+    Settings of the command line come last, and win. Where the estimate's differ from the robot file's,
+    a notice of the robot says so.
 
     Raises:
         UsageError, RobotError: see `load_robot`.
-        EstimateError: what the estimate says of its processing cannot be read.
+        EstimateError: what the estimate says of its log or processing cannot be read.
     """
-    from symid.robot.overrides import override_robot
-
     kinds = set(estimate.friction)
     # Joints with different models have them from the file: the command line sets one for all.
-    robot = load_robot(name, friction=kinds.pop() if len(kinds) == 1 else None)
-    robot = replace(robot, processing=_read_processing(estimate.settings))
-    return override_robot(robot, settings) if settings else robot
+    described = load_robot(name, friction=kinds.pop() if len(kinds) == 1 else None)
+    robot = _restore_settings(described, estimate.settings)
+    notices = _compare_settings(described, robot, {key for key, _ in settings})
+    robot = replace(robot, notices=(*robot.notices, *notices))
+    return _override(robot, settings, None) if settings else robot
 
 
-def _read_processing(settings: Mapping[str, object]) -> "Processing":
-    from symid.robot.description import Decimation, Processing
+def _restore_settings(robot: "Robot", settings: Mapping[str, object]) -> "Robot":
+    """Return `robot` with the log map and the processing of an estimate, checked like those of a file."""
+    from symid.robot.positions import Place, Places
+    from symid.robot.section import Report, Section
+    from symid.robot.settings import read_log, read_processing
 
-    table: Any = settings.get("processing")
-    try:
-        return Processing(**{**table, "decimation": Decimation(**table["decimation"])})
-    except (TypeError, KeyError) as error:
-        text = f"its settings have no usable 'processing': {error}; identify again"
-        raise EstimateError(Notice(code="estimate.settings", text=text)) from error
+    if not isinstance(settings.get("processing"), Mapping):
+        text = "its settings have no usable 'processing'; identify again"
+        raise EstimateError(Notice(code="estimate.settings", text=text))
+    values = {key: _make_exact(settings[key]) for key in ("log", "processing") if key in settings}
+    report = Report(Places(keys={}, values={}, whole=Place("", 0, 0)))
+    root = Section(values=values, path=(), report=report)
+    log = read_log(root, robot.joints) if "log" in values else robot.log
+    restored = replace(robot, log=log, processing=read_processing(root))
+    if report.errors:
+        texts = (f"its settings cannot be used: {notice.text}; identify again" for notice in report.errors)
+        raise EstimateError(*(Notice(code="estimate.settings", text=text) for text in texts))
+    return restored
+
+
+def _make_exact(value: object) -> object:
+    """Return `value` as a robot file would give it: numbers as decimals, "none" for null."""
+    match value:
+        case None:
+            return "none"
+        case float():
+            return Decimal(repr(value))
+        case Mapping():
+            return {str(key): _make_exact(entry) for key, entry in value.items()}
+        case list():
+            return [_make_exact(entry) for entry in value]
+    return value
+
+
+def _compare_settings(described: "Robot", restored: "Robot", overridden: set[str]) -> tuple[Notice, ...]:
+    """Return what the estimate and the robot file say differently, but for what is set by hand anyway."""
+    of_file, of_estimate = _flatten(describe_settings(described)), _flatten(describe_settings(restored))
+    notices = []
+    for key in sorted({*of_file, *of_estimate} - overridden):
+        mine, other = of_estimate.get(key, "nothing"), of_file.get(key, "nothing")
+        if mine != other:
+            text = f"{key}: the estimate has {mine}, the robot file {other}; the estimate was followed"
+            notices.append(Notice(code="estimate.settings-differ", text=text))
+    return tuple(notices)
+
+
+def _flatten(value: object, prefix: str = "") -> dict[str, object]:
+    if not isinstance(value, Mapping):
+        return {prefix: value}
+    parts = (_flatten(entry, f"{prefix}.{key}" if prefix else str(key)) for key, entry in value.items())
+    return {key: entry for part in parts for key, entry in part.items()}
 
 
 def describe_settings(robot: "Robot") -> dict[str, object]:
@@ -119,20 +192,46 @@ def _simplify(value: object) -> object:
     return float(str(value))
 
 
-def check_output(path: Path | None, *, force: bool) -> None:
+def check_output(path: Path | None, *, force: bool, inputs: Sequence[Path | str] = ()) -> None:
     """Refuse to write over a file, before the work is done and not after.
 
     Raises:
-        OutputError: the file exists and --force is not given, or its folder does not exist.
+        OutputError: the file exists and --force is not given, it is one of `inputs` (--force or not),
+            or its folder does not exist.
     """
     if path is None:
         return
-    if path.exists() and not force:
+    if path.resolve() in {Path(entry).resolve() for entry in inputs} or any(
+        _is_same_file(path, entry) for entry in inputs
+    ):
+        text = "is an input of this call and would be destroyed; give another name"
+        raise OutputError(Notice(code="output.is-input", text=text, file=str(path)))
+    if os.path.lexists(path) and not force:
         text = "exists already; give another name, or --force to write over it"
         raise OutputError(Notice(code="output.exists", text=text, file=str(path)))
-    if not path.parent.is_dir():
+    if not os.path.isdir(path.parent):  # noqa: PTH112  Path.is_dir fails on names that are too long
         text = f"the folder {path.parent} does not exist; make it first"
         raise OutputError(Notice(code="output.no-folder", text=text, file=str(path)))
+
+
+def _is_same_file(path: Path, other: Path | str) -> bool:
+    try:
+        return path.samefile(other)
+    except (OSError, ValueError):
+        return False
+
+
+def describe_origin(robot: "Robot", library: "Library", recordings: Sequence["Recording"]) -> tuple[str, ...]:
+    """Return in short texts what a report was made from; the same input gives the same texts."""
+    texts = [f"robot {robot.name} of {robot.path}"]
+    if robot.source:
+        texts.append(f"its source: {robot.source}")
+    texts.append(f"functions run as {library.backend}")
+    texts += [
+        f"{entry.source}: {entry.time[-1] - entry.time[0]:.6g} s at {1.0 / entry.period:.6g} Hz"
+        for entry in recordings
+    ]
+    return tuple(texts)
 
 
 def show_path(path: Path) -> str:

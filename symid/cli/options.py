@@ -1,6 +1,7 @@
 """Options that several verbs share."""
 
 import functools
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import ParamSpec, TypeVar
@@ -12,6 +13,8 @@ from symid.errors import Notice, UsageError
 
 __all__ = [
     "DEFAULT_SEED",
+    "FiniteRange",
+    "force_folder_option",
     "force_option",
     "friction_option",
     "output_option",
@@ -30,7 +33,22 @@ Decorator = Callable[[Callable[..., Answer]], Callable[..., Answer]]
 DEFAULT_SEED = 1
 _FRICTION = ("none", "viscous_coulomb", "viscous_coulomb_offset", "asymmetric")
 
-force_option = click.option("--force", is_flag=True, help="Write over what symid wrote before.")
+
+class FiniteRange(click.FloatRange):
+    """A range of numbers; "nan" and "inf" are none."""
+
+    def convert(self, value: float, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return the number, or refuse the call."""
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a finite number.", param, ctx)
+        return number
+
+
+force_option = click.option("--force", is_flag=True, help="Write over a file that exists, whoever wrote it.")
+force_folder_option = click.option(
+    "--force", is_flag=True, help="Write over what symid wrote before; files of others stay refused."
+)
 seed_option = click.option(
     "--seed",
     type=click.IntRange(min=0),
@@ -46,7 +64,7 @@ set_option = click.option(
     "settings",
     multiple=True,
     metavar="KEY=VALUE",
-    help="A setting in place of the file's, such as processing.filter_cutoff=50 or log.torque.unit=A.",
+    help="A setting in place of the file's, such as processing.filter_cutoff=50.",
 )
 
 
@@ -97,10 +115,19 @@ def rows_options(function: Callable[P, R]) -> Callable[P, R]:
 def processing_options(function: Callable[P, R]) -> Callable[P, R]:
     """Give a verb short names for the settings of the signals."""
     options = (
-        click.option("--cutoff", type=float, metavar="HZ", help="Cut-off of the low-pass filter."),
-        click.option("--decimate", type=int, metavar="N", help="Keep one sample in N."),
-        click.option("--drop-first", type=int, metavar="N", help="Samples cut off at the start."),
-        click.option("--drop-last", type=int, metavar="N", help="Samples cut off at the end."),
+        click.option(
+            "--cutoff",
+            type=FiniteRange(min=0.0, min_open=True),
+            metavar="HZ",
+            help="Cut-off of the low-pass filter.",
+        ),
+        click.option("--decimate", type=click.IntRange(min=1), metavar="N", help="Keep one sample in N."),
+        click.option(
+            "--drop-first", type=click.IntRange(min=0), metavar="N", help="Samples cut off at the start."
+        ),
+        click.option(
+            "--drop-last", type=click.IntRange(min=0), metavar="N", help="Samples cut off at the end."
+        ),
     )
     for option in reversed(options):
         function = option(function)

@@ -23,6 +23,9 @@ from symid.errors import Notice
 
 __all__ = ["Answer", "Console", "format_table", "print_answer", "print_errors", "write_json"]
 
+_NOTES = frozenset({"identify.slow-rows", "estimate.settings-differ", "log.converted"})
+"""Codes of what is as it was asked for, and only worth knowing."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer:
@@ -138,5 +141,11 @@ def _simplify(value: object) -> object:
 def _print_notices(notices: Sequence[Notice], title: str, colour: str) -> None:
     for notice in notices:
         # https://no-color.org: any value, if it is not empty, means no colour.
-        head = title if os.environ.get("NO_COLOR") else click.style(title, fg=colour, bold=True)
+        note = notice.code in _NOTES
+        word = "note" if note else title
+        head = (
+            word
+            if os.environ.get("NO_COLOR")
+            else click.style(word, fg="cyan" if note else colour, bold=True)
+        )
         click.echo(f"{head}: {notice}", err=True)

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 import click
 
 from symid.cli.inputs import check_output, load_robot, load_robot_library, show_path
-from symid.cli.options import force_option, friction_option, output_option, seed_option, verb
+from symid.cli.options import FiniteRange, force_option, friction_option, output_option, seed_option, verb
 from symid.cli.output import Answer, Console
-from symid.errors import Notice, UsageError
+from symid.errors import Notice, OutputError, RobotError, UsageError
 
 if TYPE_CHECKING:  # these load numpy
     import numpy as np
@@ -21,6 +21,7 @@ __all__ = ["build_options", "build_trajectory", "command"]
 
 DEFAULT_NOISE = 0.05
 _TA_JOINTS = 2
+_SUFFIXES = (".npz", ".csv")
 
 
 @click.command("simulate")
@@ -35,10 +36,10 @@ _TA_JOINTS = 2
 @click.option(
     "--joint", type=click.IntRange(min=1), default=1, show_default=True, help="Joint that tb moves."
 )
-@click.option("--duration", type=click.FloatRange(min=0.0, min_open=True), metavar="S", help="Length in s.")
+@click.option("--duration", type=FiniteRange(min=0.0, min_open=True), metavar="S", help="Length in s.")
 @click.option(
     "--noise",
-    type=click.FloatRange(min=0.0),
+    type=FiniteRange(min=0.0),
     default=DEFAULT_NOISE,
     show_default=True,
     metavar="N",
@@ -69,8 +70,9 @@ def command(
     The robot file must state masses and friction.
     """
     described = load_robot(robot, friction=friction)
-    check_output(output, force=force)
-    library = load_robot_library(described, console)
+    _check_suffix(output)
+    check_output(output, force=force, inputs=(described.path,))
+    _check_values(described)
     import numpy as np
 
     from symid.data.writers import write_recording
@@ -78,6 +80,7 @@ def command(
 
     rng = np.random.default_rng(seed)
     path = build_trajectory(described, trajectory, rng, duration=duration, joint=joint)
+    library = load_robot_library(described, console)
     console.progress(f"simulating {path.duration:g} s of {described.name}")
     run = simulate_experiment(described, library, path, build_options(noise, clean=clean), rng)
     written = write_recording(run.recording, output, described)
@@ -99,6 +102,29 @@ def command(
     )
     warnings = (*described.notices, *library.notices, *run.recording.notices)
     return Answer(text=text, result=result, warnings=warnings)
+
+
+def _check_suffix(path: Path) -> None:
+    if path.suffix.lower() not in _SUFFIXES:
+        text = f"a log is written as {' or '.join(_SUFFIXES)}, got {path.suffix or 'no suffix'}"
+        raise OutputError(Notice(code="output.unknown-suffix", text=text, file=str(path)))
+
+
+def _check_values(robot: "Robot") -> None:
+    """Refuse a robot whose file lacks values, before minutes go into its derivation."""
+    lacking = []
+    for joint in robot.joints:
+        if joint.inertial is None:
+            lacking.append(f"joint '{joint.name}': [joint.link] mass, com and inertia")
+        if joint.drive.has_rotor and joint.drive.rotor_inertia is None:
+            lacking.append(f"joint '{joint.name}': the rotor_inertia of [joint.drive]")
+        if joint.friction.kind.value != "none" and joint.friction.values is None:
+            lacking.append(
+                f"joint '{joint.name}': the values of [joint.friction] {joint.friction.kind.value}"
+            )
+    if lacking:
+        text = f"cannot be simulated, these values are not stated: {'; '.join(lacking)}"
+        raise RobotError(Notice(code="robot.no-values", text=text, file=robot.path))
 
 
 def build_options(noise: float, *, clean: bool) -> "ExperimentOptions":

@@ -100,4 +100,4 @@ def show_residual(residual: Sequence["Residual"]) -> str:
         [entry.joint, entry.norm, f"{entry.relative_percent:.4f}", entry.std, entry.unit, entry.samples]
         for entry in residual
     ]
-    return format_table(("joint", "residual", "relative/%", "std", "unit", "samples"), rows, left=(0, 4))
+    return format_table(("joint", "norm", "relative/%", "std", "unit", "samples"), rows, left=(0, 4))

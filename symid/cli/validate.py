@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from symid.cli.inputs import load_robot_library, load_robot_of_estimate, read_logs
-from symid.cli.options import set_option, split_settings, verb
+from symid.cli.options import FiniteRange, set_option, split_settings, verb
 from symid.cli.output import Answer, Console
 from symid.cli.tables import describe_validation, show_residual
 from symid.errors import Notice
@@ -21,7 +21,7 @@ _MISSED = 1
 @click.argument("log", type=click.Path(path_type=Path))
 @click.option(
     "--gate",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=FiniteRange(min=0.0, min_open=True),
     metavar="PERCENT",
     help="Largest acceptable mean of the joints' relative residuals.",
 )

@@ -139,7 +139,7 @@ class Series:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Validation:
-    """What an estimate explains of a log that it was not fitted to."""
+    """What an estimate explains of a log; `fitted` where it was fitted to that very log, which is no test."""
 
     robot: str
     signature: str
@@ -148,6 +148,7 @@ class Validation:
     residual: tuple[Residual, ...]
     series: tuple[Series, ...]
     samples: int
+    fitted: bool = False
     notices: tuple[Notice, ...] = ()
 
     @property

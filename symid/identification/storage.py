@@ -9,7 +9,7 @@ import json
 import math
 import os
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -17,12 +17,15 @@ from typing import Any
 from symid.codegen.functions import ModelCard
 from symid.errors import EstimateError, Notice, OutputError
 from symid.identification.estimate import Estimate, Outcome, ParameterEstimate, Residual
+from symid.identification.rows import ROW_KINDS
 from symid.identification.validate import check_model
+from symid.robot.description import FrictionKind
 
 __all__ = ["read_estimate", "write_estimate", "write_file"]
 
 _FORMAT = "symid estimate"
 _VERSION = 1
+_FRICTION = tuple(kind.value for kind in FrictionKind)
 
 
 def write_estimate(estimate: Estimate, path: Path) -> Path:
@@ -108,29 +111,38 @@ def _read_json(path: Path) -> object:
     except UnicodeDecodeError as error:
         raise _refuse(path, "not a text file, so not an estimate") from error
     try:
-        return json.loads(text)
+        return json.loads(text, parse_constant=_refuse_constant)
     except json.JSONDecodeError as error:
         raise _refuse(path, f"not JSON: {error.msg}", error.lineno, error.colno) from error
+    except RecursionError as error:
+        raise _refuse(path, "nested too deeply to be an estimate") from error
+    except ValueError as error:
+        raise _refuse(path, f"not JSON: {error}") from error
+
+
+def _refuse_constant(name: str) -> float:
+    message = f"{name} is no number of JSON"
+    raise ValueError(message)
 
 
 def _build_estimate(path: Path, data: Mapping[str, Any]) -> Estimate:
     readers: dict[str, Callable[[Any], object]] = {
         "robot": _expect_text,
         "signature": _expect_text,
-        "rows": _expect_text,
+        "rows": lambda value: _expect_one_of(value, ROW_KINDS),
         "estimator": _expect_text,
-        "friction": lambda value: tuple(map(_expect_text, value)),
+        "friction": lambda value: tuple(_expect_one_of(kind, _FRICTION) for kind in value),
         "parameters": lambda value: tuple(map(_read_parameter, value)),
-        "residual": lambda value: tuple(map(_read_residual, value)),
+        "residual": _read_residuals,
         "condition": _expect_number,
         "outcome": lambda value: Outcome[value],
-        "samples": int,
+        "samples": _expect_count,
         "sources": lambda value: tuple(map(_expect_text, value)),
-        "settings": dict,
+        "settings": _expect_table,
         "refused": lambda value: tuple((_expect_text(name), _expect_text(why)) for name, why in value),
-        "unresolved": lambda value: tuple((_expect_text(name), _expect_number(x)) for name, x in value),
+        "unresolved": lambda value: tuple((_expect_text(name), _expect_finite(x)) for name, x in value),
         "covariance": lambda value: tuple(tuple(map(_expect_number, row)) for row in value),
-        "notices": lambda value: tuple(Notice(**entry) for entry in value),
+        "notices": lambda value: tuple(map(_read_notice, value)),
     }
     problems = [f"{name} is missing" for name in readers if name not in data]
     problems += [f"{name} is unknown" for name in data if name not in {*readers, "format", "version"}]
@@ -139,8 +151,12 @@ def _build_estimate(path: Path, data: Mapping[str, Any]) -> Estimate:
         if name in data:
             try:
                 fields[name] = reader(data[name])
-            except (TypeError, ValueError, KeyError, AttributeError) as error:
-                problems.append(f"{name}: {error}")
+            except (TypeError, ValueError, KeyError, AttributeError, OverflowError) as error:
+                problems.append(f"{name}: {_explain(error)}")
+    if not problems and {len(fields["covariance"]), *map(len, fields["covariance"])} - {0}:
+        count = len(fields["parameters"])
+        if {len(fields["covariance"]), *map(len, fields["covariance"])} != {count}:
+            problems.append(f"covariance: expected {count} rows of {count} numbers, one for each parameter")
     if problems:
         raise EstimateError(
             *(Notice(code="estimate.format", text=problem, file=str(path)) for problem in problems)
@@ -153,6 +169,39 @@ def _expect_text(value: object) -> str:
         message = f"expected text, got {value!r}"
         raise TypeError(message)
     return value
+
+
+def _explain(error: Exception) -> str:
+    return f"{error} is missing" if isinstance(error, KeyError) else str(error)
+
+
+def _expect_one_of(value: object, allowed: Collection[str]) -> str:
+    text = _expect_text(value)
+    if text not in allowed:
+        message = f"expected one of {', '.join(allowed)}, got {text!r}"
+        raise ValueError(message)
+    return text
+
+
+def _expect_table(value: object) -> dict[str, object]:
+    if not isinstance(value, dict):
+        message = f"expected a table, got {value!r}"
+        raise TypeError(message)
+    return value
+
+
+def _expect_count(value: object) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        message = f"expected a count, got {value!r}"
+        raise ValueError(message)
+    return value
+
+
+def _expect_finite(value: object) -> float:
+    if value is None:
+        message = "expected a number, got null"
+        raise TypeError(message)
+    return _expect_number(value)
 
 
 def _expect_number(value: object) -> float:
@@ -168,21 +217,38 @@ def _read_parameter(entry: Mapping[str, Any]) -> ParameterEstimate:
     truth = entry["truth"]
     return ParameterEstimate(
         name=_expect_text(entry["name"]),
-        value=_expect_number(entry["value"]),
+        value=_expect_finite(entry["value"]),
         std=_expect_number(entry["std"]),
         unit=_expect_text(entry["unit"]),
         expression=_expect_text(entry["expression"]),
         reason=_expect_text(entry["reason"]),
-        truth=None if truth is None else _expect_number(truth),
+        truth=None if truth is None else _expect_finite(truth),
     )
+
+
+def _read_notice(entry: Mapping[str, Any]) -> Notice:
+    return Notice(
+        code=_expect_text(entry["code"]),
+        text=_expect_text(entry["text"]),
+        file=_expect_text(entry["file"]),
+        line=_expect_count(entry["line"]),
+        column=_expect_count(entry["column"]),
+    )
+
+
+def _read_residuals(value: Sequence[Any]) -> tuple[Residual, ...]:
+    if not value:
+        message = "expected one entry for each joint, got none"
+        raise ValueError(message)
+    return tuple(map(_read_residual, value))
 
 
 def _read_residual(entry: Mapping[str, Any]) -> Residual:
     return Residual(
         joint=_expect_text(entry["joint"]),
-        norm=_expect_number(entry["norm"]),
+        norm=_expect_finite(entry["norm"]),
         relative_percent=_expect_number(entry["relative_percent"]),
         std=_expect_number(entry["std"]),
-        samples=int(entry["samples"]),
+        samples=_expect_count(entry["samples"]),
         unit=_expect_text(entry["unit"]),
     )

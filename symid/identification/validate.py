@@ -6,6 +6,10 @@ Supported: torque rows (the default), and momentum and energy rows.
 Not supported: a log with other joints, or a model other than the estimate's.
 """
 
+from collections.abc import Mapping, Sequence
+from hashlib import sha256
+from pathlib import Path
+
 import numpy as np
 
 from symid.arrays import FloatArray
@@ -19,7 +23,7 @@ from symid.identification.rows import WINDOW, Rows
 from symid.identification.statistics import find_residuals
 from symid.robot.description import Processing
 
-__all__ = ["check_model", "validate_estimate"]
+__all__ = ["check_model", "find_digest", "find_window", "validate_estimate"]
 
 
 def validate_estimate(
@@ -39,6 +43,7 @@ def validate_estimate(
         IdentifiabilityError: no joint moves in it.
     """
     check_model(estimate, library.card)
+    fitted = _is_fitted(estimate, recording.source)
     built = prepare_rows(rows, library, recording, processing, window=window)
     predicted = built.matrix @ estimate.assemble(built.names)
     return Validation(
@@ -49,7 +54,8 @@ def validate_estimate(
         residual=find_residuals(built, built.values - predicted, 0),
         series=_split_series(built, predicted),
         samples=len(built.values),
-        notices=built.notices,
+        fitted=fitted,
+        notices=(*built.notices, *([_say_fitted(recording.source)] if fitted else [])),
     )
 
 
@@ -57,9 +63,11 @@ def check_model(estimate: Estimate, card: ModelCard, file: str = "") -> None:
     """Check that the estimate was made with the model of `card`.
 
     Raises:
-        EstimateError: its signature is another one; the message says what differs.
+        EstimateError: its signature is another one, or its parameters are not the model's; the
+            message says what differs.
     """
     if estimate.signature == card.signature:
+        _check_names(estimate, card, file)
         return
     friction = tuple(joint.friction for joint in card.joints)
     if estimate.robot != card.robot:
@@ -78,6 +86,58 @@ def check_model(estimate: Estimate, card: ModelCard, file: str = "") -> None:
         "use the same robot and options, or identify again"
     )
     raise EstimateError(Notice(code="estimate.signature", text=text, file=file))
+
+
+def find_window(settings: Mapping[str, object]) -> float:
+    """Return the length in s of the windows that momentum and energy rows had, the default if none is told.
+
+    Raises:
+        EstimateError: it is no positive number.
+    """
+    window = settings.get("window", WINDOW)
+    if isinstance(window, bool) or not isinstance(window, int | float) or not 0.0 < window < float("inf"):
+        text = f"its settings have no usable 'window': expected a positive number, got {window!r}"
+        raise EstimateError(Notice(code="estimate.settings", text=text))
+    return float(window)
+
+
+def find_digest(source: str) -> str:
+    """Return the SHA-256 of the file `source`, empty where there is no such file to read."""
+    try:
+        return sha256(Path(source).read_bytes()).hexdigest()
+    except (OSError, ValueError):
+        return ""
+
+
+def _check_names(estimate: Estimate, card: ModelCard, file: str) -> None:
+    """Check that each parameter of the model is either known or refused, once, and that there is no other."""
+    expected = {entry.name for entry in (*card.beta, *card.friction)}
+    found = [entry.name for entry in estimate.parameters] + [name for name, _ in estimate.refused]
+    problems = [f"{name!r} is given twice" for name in dict.fromkeys(found) if found.count(name) > 1]
+    strange = [name for name, _ in estimate.unresolved if name not in expected]
+    problems += [f"{name!r} is no parameter of it" for name in (*found, *strange) if name not in expected]
+    problems += [f"{name!r} is missing" for name in sorted(expected - set(found))]
+    if problems:
+        text = (
+            f"its parameters are not those of the model {card.robot!r}: {', '.join(problems)}; identify again"
+        )
+        raise EstimateError(Notice(code="estimate.parameters", text=text, file=file))
+
+
+def _is_fitted(estimate: Estimate, source: str) -> bool:
+    """Return whether `source` is one of the estimate's logs, by its path or by its content."""
+    if not source:
+        return False
+    if Path(source).resolve() in {Path(known).resolve() for known in estimate.sources}:
+        return True
+    known = estimate.settings.get("log_digests", ())
+    digest = find_digest(source)
+    return bool(digest) and isinstance(known, Sequence) and digest in known
+
+
+def _say_fitted(source: str) -> Notice:
+    text = "the estimate was fitted to this very log, which is no test of it; validate on another motion"
+    return Notice(code="validate.fitted-log", text=text, file=source)
 
 
 def _split_series(rows: Rows, predicted: FloatArray) -> tuple[Series, ...]:

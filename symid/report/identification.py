@@ -11,6 +11,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from symid import __version__
+from symid.errors import Notice
 from symid.identification.estimate import Estimate, ParameterEstimate, Residual, Series, Validation
 from symid.identification.storage import write_file
 from symid.report.figures import Line, build_histogram, build_line_figure
@@ -70,9 +72,10 @@ class JointSection:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogSection:
-    """A held-out log."""
+    """A log that was predicted; `caption` says whether it was held out."""
 
     source: str
+    caption: str
     mean_relative: str
     residual: tuple[ResidualLine, ...]
     joints: tuple[JointSection, ...]
@@ -91,20 +94,39 @@ class ReportPage:
     logs: tuple[LogSection, ...]
     settings: tuple[tuple[str, str], ...]
     notices: tuple[str, ...]
+    origin: tuple[str, ...]
 
 
-def write_report(path: Path, estimate: Estimate, validations: tuple[Validation, ...] = ()) -> Path:
+def write_report(
+    path: Path,
+    estimate: Estimate,
+    validations: tuple[Validation, ...] = (),
+    notices: tuple[Notice, ...] = (),
+    origin: tuple[str, ...] = (),
+) -> Path:
     """Write the page to `path`, at once or not at all, and return the path.
+
+    `notices` are what else a reader should know: of the robot, its library, and the recordings;
+    `origin` says in short texts what the page was made from.
 
     Raises:
         OutputError: the file cannot be written.
     """
-    return write_file(path, write_page(_TEMPLATE, build_report(estimate, validations)))
+    return write_file(path, write_page(_TEMPLATE, build_report(estimate, validations, notices, origin)))
 
 
-def build_report(estimate: Estimate, validations: tuple[Validation, ...] = ()) -> ReportPage:
+def build_report(
+    estimate: Estimate,
+    validations: tuple[Validation, ...] = (),
+    notices: tuple[Notice, ...] = (),
+    origin: tuple[str, ...] = (),
+) -> ReportPage:
     """Return all that the page shows."""
-    notices = (*estimate.notices, *(notice for validation in validations for notice in validation.notices))
+    told = (
+        *estimate.notices,
+        *notices,
+        *(notice for validation in validations for notice in validation.notices),
+    )
     return ReportPage(
         robot=estimate.robot,
         verdict=find_verdict(estimate, validations),
@@ -114,7 +136,8 @@ def build_report(estimate: Estimate, validations: tuple[Validation, ...] = ()) -
         fit_residual=tuple(map(_write_residual, estimate.residual)),
         logs=tuple(map(_write_log, validations)),
         settings=_write_settings(estimate),
-        notices=tuple(dict.fromkeys(map(str, notices))),
+        notices=tuple(dict.fromkeys(map(str, told))),
+        origin=(f"Written by symid {__version__}", *origin),
     )
 
 
@@ -147,8 +170,12 @@ def _write_residual(entry: Residual) -> ResidualLine:
 
 
 def _write_log(validation: Validation) -> LogSection:
+    caption = "Held out: nothing was fitted here."
+    if validation.fitted:
+        caption = "The log it was fitted to: this is no test."
     return LogSection(
         source=validation.source,
+        caption=caption,
         mean_relative=f"{validation.mean_relative_percent:.4f} %",
         residual=tuple(map(_write_residual, validation.residual)),
         joints=tuple(_draw_joint(series, validation.rows) for series in validation.series),

@@ -2,14 +2,17 @@
 
 Input: an estimate and what it explains of held-out logs. Output: `Verdict`.
 
-The judgement is relative: the model is as good on a log it has not seen as on its own, or it is
-not. Whether that is good enough for a use is the reader's to say; the numbers are there.
+The judgement starts relative: the model is as good on a log it has not seen as on its own, or it is
+not. A large residual, a true value that was missed, many uncertain parameters, or a motion that hardly
+tells them apart then hold it back. Whether that is enough for a use is the reader's to say.
 
-Supported: any number of held-out logs, none included.
-Not supported: tests of the residual's whiteness.
+Supported: any number of held-out logs, none included; logs of the fit are not counted as held out.
+Not supported: tests of the residual's whiteness; carrying over between rows of different kinds.
 """
 
 from dataclasses import dataclass
+from math import comb
+from statistics import NormalDist
 
 from symid.identification.estimate import Estimate, ParameterEstimate, Validation
 
@@ -18,6 +21,13 @@ __all__ = ["Verdict", "find_verdict"]
 _SAME, _WORSE = 1.2, 2.0
 _SHARP, _VAGUE = 10.0, 30.0
 _CONDITION = 1000.0
+_LARGE, _HUGE = 10.0, 30.0
+"""Percent of a held-out log left unexplained beyond which a model is not good, and poor."""
+_VAGUE_SHARE = 1.0 / 3.0
+_CHANCE = 0.01
+"""A deviation less likely than this is no chance."""
+_LEVELS = ("poor", "fair", "good")
+_QUANTITIES = {"torque": "torque", "momentum": "impulse", "energy": "work"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,21 +41,28 @@ class Verdict:
 
 def find_verdict(estimate: Estimate, validations: tuple[Validation, ...]) -> Verdict:
     """Return the verdict on `estimate`."""
-    level, headline = _judge_prediction(estimate, validations)
-    details = [_describe_fit(estimate), *_describe_precision(estimate.parameters)]
+    held_out = tuple(validation for validation in validations if not validation.fitted)
+    level, headline = _judge_prediction(estimate, held_out)
+    caps = _find_caps(estimate, held_out)
+    level = min((level, *(cap for cap, _ in caps)), key=_LEVELS.index)
+    details = [_describe_fit(estimate)]
+    if len(held_out) < len(validations):
+        details.append("A log given for validation is one it was fitted to, and was not counted as a test.")
+    details += _describe_precision(estimate.parameters)
     truth = _describe_truth(estimate.parameters)
     if truth:
         details.append(truth)
     if estimate.refused:
         names = ", ".join(name for name, _ in estimate.refused)
         details.append(f"Not known from these logs, and left out: {names}.")
-        level = "fair" if level == "good" else level
     if estimate.condition > _CONDITION:
         text = (
             f"The condition number of the scaled matrix is {estimate.condition:.3g}: the motion hardly tells "
             "some parameters apart; a more exciting one would."
         )
         details.append(text)
+    if caps:
+        headline = f"{headline} But {'; '.join(reason for _, reason in caps)}."
     return Verdict(level=level, headline=headline, details=tuple(details))
 
 
@@ -53,43 +70,85 @@ def _judge_prediction(estimate: Estimate, validations: tuple[Validation, ...]) -
     if not validations:
         text = "The parameters fit their own logs; no held-out log has tested them yet."
         return "fair", text
-    ratio, worst = max((_find_ratio(estimate, validation), validation.source) for validation in validations)
-    percent = max(validation.mean_relative_percent for validation in validations)
+    same = [validation for validation in validations if validation.rows == estimate.rows]
+    if not same:
+        worst = max(validations, key=lambda validation: validation.mean_relative_percent)
+        text = (
+            f"On held-out logs {worst.mean_relative_percent:.3g} % of the {_QUANTITIES[worst.rows]} is left "
+            f"unexplained; the fit was to {estimate.rows} rows, so this says nothing about carrying over."
+        )
+        return "fair", text
+    ratio, worst_source = max((_find_ratio(estimate, validation), validation.source) for validation in same)
+    percent = max(validation.mean_relative_percent for validation in same)
+    quantity = _QUANTITIES[estimate.rows]
     if ratio <= _SAME:
         text = (
             "The model predicts motions it has not seen as well as those it was fitted to: "
-            f"{percent:.3g} % of the torque is left unexplained."
+            f"{percent:.3g} % of the {quantity} is left unexplained."
         )
         return "good", text
     if ratio <= _WORSE:
         text = (
             "The model predicts motions it has not seen less well than those it was fitted to: "
-            f"{percent:.3g} % of the torque is left unexplained, a residual {ratio:.2g} times as large "
-            f"({worst})."
+            f"{percent:.3g} % of the {quantity} is left unexplained, a residual {ratio:.2g} times as large "
+            f"({worst_source})."
         )
         return "fair", text
     text = (
-        f"The model does not carry over: on {worst} its residual is {ratio:.2g} times that of the fit, "
-        f"{percent:.3g} % of the torque. Something acts there that the model does not know."
+        f"The model does not carry over: on {worst_source} its residual is {ratio:.2g} times that of the "
+        f"fit, {percent:.3g} % of the {quantity}. Something acts there that the model does not know."
     )
     return "poor", text
 
 
 def _find_ratio(estimate: Estimate, validation: Validation) -> float:
-    """Return the largest ratio over joints of held-out to fitted residual, both by their deviation.
-
-    Rows of another kind have other units; then relative residuals are compared.
-    """
-    same = estimate.rows == validation.rows
-    fitted = {entry.joint: entry.std if same else entry.relative_percent for entry in estimate.residual}
-    ratios = [
-        (entry.std if same else entry.relative_percent) / fitted[entry.joint]
-        for entry in validation.residual
-        if fitted.get(entry.joint)
-    ]
+    """Return the largest ratio over joints of held-out to fitted deviation, of rows of the same kind."""
+    fitted = {entry.joint: entry.std for entry in estimate.residual}
+    ratios = [entry.std / fitted[entry.joint] for entry in validation.residual if fitted.get(entry.joint)]
     if not ratios and estimate.mean_relative_percent:
         return validation.mean_relative_percent / estimate.mean_relative_percent
     return max(ratios, default=1.0)
+
+
+def _find_caps(estimate: Estimate, validations: tuple[Validation, ...]) -> list[tuple[str, str]]:
+    """Return what holds the verdict back: the best level that it allows, and why."""
+    caps = []
+    percent = max((validation.mean_relative_percent for validation in validations), default=0.0)
+    if not percent <= _LARGE:
+        limit = _LARGE if percent <= _HUGE else _HUGE
+        level = "fair" if percent <= _HUGE else "poor"
+        caps.append((level, f"more than {limit:g} % of a held-out log is left unexplained"))
+    missed, known = _find_missed(estimate.parameters)
+    if missed:
+        level = "poor" if 2 * len(missed) > known else "fair"
+        caps.append((level, f"true values were missed beyond what chance explains: {', '.join(missed)}"))
+    vague = sum(not entry.relative_std_percent <= _VAGUE for entry in estimate.parameters)
+    if vague > _VAGUE_SHARE * len(estimate.parameters):
+        whole = len(estimate.parameters)
+        caps.append(("fair", f"{vague} of {whole} parameters are uncertain by more than {_VAGUE:g} %"))
+    if estimate.refused:
+        caps.append(("fair", "some parameters are not known from these logs"))
+    if not estimate.condition <= _CONDITION:
+        caps.append(("fair", "the motion hardly tells some parameters apart"))
+    return caps
+
+
+def _find_missed(parameters: tuple[ParameterEstimate, ...]) -> tuple[list[str], int]:
+    """Return who lies further than 3 std from the truth, if that is no chance, and how many truths there are.
+
+    It is no chance when one lies beyond what the farthest of so many normal values reaches in all but 1 %
+    of cases, or when so many beyond 3 std are less likely than 1 %.
+    """
+    known = [(entry, entry.truth) for entry in parameters if entry.truth is not None]
+    far = [entry for entry, truth in known if not abs(entry.value - truth) <= 3.0 * entry.std]
+    if not far:
+        return [], len(known)
+    whole = len(known)
+    bound = max(3.0, NormalDist().inv_cdf(1.0 - 0.5 * _CHANCE / whole))
+    beyond = any(not abs(entry.value - truth) <= bound * entry.std for entry, truth in known)
+    share = 2.0 * NormalDist().cdf(-3.0)
+    fewer = sum(comb(whole, k) * share**k * (1.0 - share) ** (whole - k) for k in range(len(far)))
+    return ([entry.name for entry in far] if beyond or 1.0 - fewer < _CHANCE else []), whole
 
 
 def _describe_fit(estimate: Estimate) -> str:
@@ -114,8 +173,10 @@ def _describe_truth(parameters: tuple[ParameterEstimate, ...]) -> str:
     known = [(entry.truth, entry) for entry in parameters if entry.truth is not None]
     if not known:
         return ""
-    inside = sum(abs(entry.value - truth) <= 3.0 * entry.std for truth, entry in known)
-    return (
+    far = [entry.name for truth, entry in known if not abs(entry.value - truth) <= 3.0 * entry.std]
+    inside = len(known) - len(far)
+    text = (
         f"Of {len(known)} parameters whose true value is stated, {inside} "
-        f"{'lies' if inside == 1 else 'lie'} within three standard deviations."
+        f"{'lies' if inside == 1 else 'lie'} within three standard deviations"
     )
+    return f"{text}; not {', '.join(far)}." if far else f"{text}."

@@ -10,7 +10,7 @@ import time
 import click
 import pytest
 
-from symid.cli.main import VERBS, run, symid
+from symid.cli.call import VERBS, run, symid
 from symid.errors import (
     EstimateError,
     GenerationError,
@@ -121,7 +121,7 @@ def test_without_a_verb_the_verbs_are_named(capsys):
     assert call(capsys)[0] == 2
     code, answer = call_json(capsys)
     assert code == 2
-    assert answer["errors"][0]["code"] in {"usage.no-verb", "usage.call"}
+    assert answer["errors"][0]["code"] == "usage.call"
 
 
 def test_unknown_robot_gets_the_nearest_names(capsys):
@@ -202,9 +202,45 @@ def test_ctrl_c_ends_a_running_process_with_130(project, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_no_color_is_honoured(capsys, monkeypatch):
-    monkeypatch.setenv("NO_COLOR", "1")
-    assert "\x1b" not in call(capsys, "check", "nobody_here")[2]
+@pytest.mark.parametrize(("value", "coloured"), [(None, True), ("", True), ("1", False)])
+def test_no_color_is_honoured(monkeypatch, project, value, coloured):
+    environment = {key: text for key, text in os.environ.items() if key != "NO_COLOR"}
+    environment |= {"PYTHONPATH": str(project)} | ({} if value is None else {"NO_COLOR": value})
+    reader, terminal = os.openpty()
+    command = [sys.executable, "-m", "symid", "check", "nobody_here"]
+    done = subprocess.run(command, env=environment, stdout=terminal, stderr=terminal, check=False)
+    os.close(terminal)
+    text = os.read(reader, 10_000)
+    os.close(reader)
+    assert done.returncode == 2
+    assert b"there is no robot" in text
+    assert (b"\x1b[" in text) is coloured
+
+
+@pytest.mark.parametrize("ending", ["> /dev/full", ">&-"])
+@pytest.mark.parametrize(
+    "arguments", ["base two_link --json", "check two_link", "--help", "check nobody --json"]
+)
+def test_an_answer_that_cannot_be_written_exits_74_with_one_line(project, ending, arguments):
+    environment = {**os.environ, "PYTHONPATH": str(project)}
+    command = f"exec {sys.executable} -m symid {arguments} {ending}"
+    done = subprocess.run(["sh", "-c", command], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 74, done.stderr
+    said = [line for line in done.stderr.splitlines() if not line.startswith("finding")]
+    assert len(said) == 1
+    assert said[0].startswith("error: the answer cannot be written: ")
+
+
+def test_ctrl_c_while_loading_exits_130(project):
+    # An import of click that interrupts stands for a signal in that moment.
+    start = "import sys, runpy\n"
+    start += "class Find:\n def find_spec(self, name, *_):\n  if name == 'click': raise KeyboardInterrupt\n"
+    start += "sys.meta_path.insert(0, Find())\nrunpy.run_module('symid', run_name='__main__')"
+    environment = {**os.environ, "PYTHONPATH": str(project)}
+    done = subprocess.run(
+        [sys.executable, "-c", start], env=environment, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (130, "error: interrupted\n")
 
 
 def test_quiet_says_nothing_but_the_result(capsys):

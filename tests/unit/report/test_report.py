@@ -5,7 +5,8 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from symid.errors import GenerationError
+from symid import __version__
+from symid.errors import GenerationError, Notice
 from symid.identification.identify import identify_parameters
 from symid.identification.validate import validate_estimate
 from symid.report.figures import Line, build_histogram, build_line_figure, find_ticks, thin_line
@@ -160,3 +161,69 @@ def test_histograms_take_constants_and_ramps(values):
     root = ET.fromstring(build_histogram("t", "d", ("x", "y"), values))  # noqa: S314  our own text
     assert len(list(root.iter(f"{SVG}rect"))) == 41
     assert "nan" not in ET.tostring(root, encoding="unicode")
+
+
+def test_a_large_residual_is_not_good_however_alike(result):
+    estimate, validation = result
+    levels = []
+    for percent in (5.0, 15.0, 40.0):
+        loud = tuple(replace(entry, relative_percent=percent) for entry in validation.residual)
+        levels.append(find_verdict(estimate, (replace(validation, residual=loud),)).level)
+    assert levels == ["good", "fair", "poor"]
+
+
+def test_a_missed_truth_is_not_good_and_is_named(result):
+    estimate, validation = result
+    first = estimate.parameters[0]
+    wrong = replace(first, truth=first.value + 10 * first.std)
+    missed = replace(estimate, parameters=(wrong, *estimate.parameters[1:]))
+    verdict = find_verdict(missed, (validation,))
+    assert verdict.level == "fair"
+    assert first.name in verdict.headline
+    near = replace(first, truth=first.value + 3.1 * first.std)
+    chance = replace(estimate, parameters=(near, *estimate.parameters[1:]))
+    assert find_verdict(chance, (validation,)).level == "good"
+    whole = tuple(replace(entry, truth=entry.value + 5 * entry.std) for entry in estimate.parameters)
+    assert find_verdict(replace(estimate, parameters=whole), (validation,)).level == "poor"
+
+
+def test_vague_parameters_and_a_bad_condition_are_not_good(result):
+    estimate, validation = result
+    vague = tuple(replace(entry, truth=None, std=abs(entry.value)) for entry in estimate.parameters)
+    for worse in (replace(estimate, parameters=vague), replace(estimate, condition=1e5)):
+        assert find_verdict(worse, (validation,)).level == "fair"
+
+
+def test_rows_of_another_kind_say_nothing_about_carrying_over(result):
+    estimate, validation = result
+    verdict = find_verdict(replace(estimate, rows="energy"), (validation,))
+    assert verdict.level == "fair"
+    assert "says nothing about carrying over" in verdict.headline
+
+
+def test_the_log_of_the_fit_is_no_held_out_log(result):
+    estimate, _ = result
+    library = build_two_link()
+    recording = build_recording(library, TWO_LINK_TRUTH, seed=0, noise=NOISE, source="<log 0>")
+    validation = validate_estimate(estimate, library, recording, Processing(drop_first=5, drop_last=5))
+    assert validation.fitted
+    assert validation.notices[-1].code == "validate.fitted-log"
+    verdict = find_verdict(estimate, (validation,))
+    assert verdict.level == "fair"
+    assert "no held-out log" in verdict.headline
+    assert "fitted to" in build_report(estimate, (validation,)).logs[0].caption
+
+
+def test_the_page_says_where_it_comes_from_and_all_notices(tmp_path, result):
+    estimate, validation = result
+    notices = (Notice(code="log.converted", text="torque: multiplied by 2", file="a.npz"),)
+    path = write_report(tmp_path / "a.html", estimate, (validation,), notices, ("robot arm of arm.toml",))
+    text = path.read_text(encoding="utf-8")
+    assert "a.npz: torque: multiplied by 2" in text
+    assert f"Written by symid {__version__}; robot arm of arm.toml." in text
+
+
+def test_every_table_scrolls_on_narrow_screens(tmp_path, result):
+    estimate, validation = result
+    text = write_report(tmp_path / "a.html", estimate, (validation,)).read_text(encoding="utf-8")
+    assert text.count("<table>") == text.count('<div class="scroll">\n<table>') == 4
