@@ -196,6 +196,10 @@ def _choose_unit(
 ) -> str:
     """Return the unit of the robot file, else that of the log, else SI; say where the two differ."""
     stated = {raw.units[name] for name in names if name in raw.units}
+    unknown = {unit for unit in stated if not _find_factor_or_zero(unit)}
+    if unknown:
+        # A unit that does not exist is told as such, not as one that differs from its neighbours'.
+        return min(unknown)
     if asked is None:
         silent = tuple(name for name in names if name not in raw.units)
         if stated and silent:

@@ -134,10 +134,10 @@ def show(text: str) -> str:
     return line if len(line) <= _LONGEST_SHOWN else line[: _LONGEST_SHOWN - 3] + "..."
 
 
-def find_nearest(name: str, allowed: Iterable[str]) -> str:
+def find_nearest(name: str, allowed: Iterable[str], *, likeness: float = 0.5) -> str:
     """Return a question with the names most like `name`, or nothing."""
     names = list(allowed)
-    near = difflib.get_close_matches(name.lower(), [known.lower() for known in names], n=2, cutoff=0.5)
+    near = difflib.get_close_matches(name.lower(), [known.lower() for known in names], n=2, cutoff=likeness)
     found = [known for known in names if known.lower() in near]
     return f"did you mean {' or '.join(found)}?" if found else ""
 
@@ -147,7 +147,7 @@ def refuse_unknown_keys(section: Section, allowed: Iterable[str]) -> None:
     names = tuple(allowed)
     for key in section.values:
         if key not in names:
-            hint = find_nearest(key, names) or f"allowed are {', '.join(names)}"
+            hint = f"{find_nearest(key, names, likeness=0.6)} allowed are {', '.join(names)}".strip()
             section.refuse_key("robot.unknown-key", key, f"no such key here; {hint}")
 
 

@@ -9,6 +9,7 @@ from scipy.io import savemat
 from symid.data.readers import read_recording
 from symid.errors import LogError
 from symid.robot.description import Decimation, Drive, JointKind, Processing, Robot
+from symid.robot.toml import read_robot
 
 P = JointKind.PRISMATIC
 
@@ -369,3 +370,12 @@ def test_an_empty_cell_is_a_missing_number(make_robot, tmp_path):
     found = problems(path, make_robot((JointKind.REVOLUTE,)))["log.not-finite"]
     assert "'q1' holds 1 values" in found
     assert "sample 1," in found
+
+
+def test_a_unit_that_does_not_exist_is_told_as_such(tmp_path, robots_folder):
+    path = tmp_path / "log.csv"
+    rows = "\n".join(f"{k * 1e-3},0,0,0,0" for k in range(3000))
+    path.write_text(f"t [s],q1 [radd],q2 [rad],tau1 [N m],tau2 [N m]\n{rows}\n", encoding="utf-8")
+    with pytest.raises(LogError, match="'radd'") as caught:
+        read_recording(path, read_robot(robots_folder / "two_link.toml"))
+    assert [notice.code for notice in caught.value.notices] == ["log.unknown-unit"]

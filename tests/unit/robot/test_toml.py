@@ -39,7 +39,10 @@ d = "L1"
     assert lines[2].startswith(
         'arm.toml:5:8: joint \'shoulder\': kind: expected one of "revolute", "prismatic", got "revolut"'
     )
-    assert lines[3] == "arm.toml:6:1: joint 'shoulder': alfa: no such key here; did you mean alpha?"
+    assert lines[3] == (
+        "arm.toml:6:1: joint 'shoulder': alfa: no such key here; did you mean alpha? "
+        "allowed are name, kind, parent, alpha, a, d, theta, link, drive, friction, limits"
+    )
     assert lines[4] == (
         "arm.toml:9:19: joint 'shoulder': rotor_inertia: "
         'expected a number in kg*m^2, got "1e-5 kg" (kg is not a unit of inertia)'
