@@ -17,14 +17,9 @@ import casadi as ca
 from symid.algebra.code import CodeAlgebra, build_code_state
 from symid.algebra.exact import find_symbols
 from symid.codegen.catalogue import find_specs
-from symid.codegen.functions import (
-    FunctionSpec,
-    JointCard,
-    ModelCard,
-    ParameterCard,
-    find_model_signature,
-)
-from symid.dynamics.base import BaseParameter, BaseParameters, Label, find_base_parameters
+from symid.codegen.functions import ModelCard
+from symid.codegen.model_card import build_model_card
+from symid.dynamics.base import BaseParameters, Label, find_base_parameters
 from symid.dynamics.composite import find_mass_matrix
 from symid.dynamics.energy import find_energy_rows
 from symid.dynamics.kinematics import Recursion, build_recursion, find_jacobian, find_poses
@@ -36,14 +31,13 @@ from symid.dynamics.regressors import (
     find_slotine_li_columns,
     find_torque_columns,
 )
-from symid.dynamics.values import find_parameter_values
 from symid.errors import Notice, RobotError, UsageError
 from symid.joint.friction import FRICTION_MODELS
-from symid.notation import INERTIAL, find_unit
-from symid.robot.description import JointKind, Robot
+from symid.notation import INERTIAL
+from symid.robot.description import Robot
 from symid.robot.geometry import ZERO
 
-__all__ = ["Functions", "build_functions", "build_model_card"]
+__all__ = ["Functions", "build_functions"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -248,43 +242,6 @@ _BUILDERS: Mapping[str, Callable[[_Build], tuple[ca.SX, ...]]] = {
     "friction": _friction,
     "friction_regressor": lambda build: (_friction_matrix(build),),
 }
-
-
-def _write_card(robot: Robot, parameter: BaseParameter, value: float | None) -> ParameterCard:
-    joint = robot.joints[parameter.label[0]]
-    unit = find_unit(parameter.label[1], prismatic=joint.kind is JointKind.PRISMATIC)
-    return ParameterCard(
-        name=parameter.name,
-        expression=parameter.expression,
-        unit=unit,
-        reason=parameter.reason,
-        joint=joint.name,
-        value=value,
-    )
-
-
-def build_model_card(robot: Robot, base: BaseParameters, specs: tuple[FunctionSpec, ...]) -> ModelCard:
-    """Return what users of the functions must know of the model."""
-    values = find_parameter_values(robot, base)
-    joints = tuple(
-        JointCard(name=joint.name, kind=joint.kind.value, friction=joint.friction.kind.value)
-        for joint in robot.joints
-    )
-    return ModelCard(
-        robot=robot.name,
-        signature=find_model_signature(
-            robot,
-            [(parameter.name, parameter.expression) for parameter in (*base.parameters, *base.friction)],
-        ),
-        joints=joints,
-        beta=tuple(
-            _write_card(robot, parameter, values.get(parameter.name)) for parameter in base.parameters
-        ),
-        friction=tuple(
-            _write_card(robot, parameter, values.get(parameter.name)) for parameter in base.friction
-        ),
-        functions=specs,
-    )
 
 
 def _check_symbols(robot: Robot) -> None:

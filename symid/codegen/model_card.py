@@ -1,0 +1,51 @@
+"""The model card of a robot: names, units, groupings, reasons and, where known, values.
+
+Robot, BaseParameters, specs -> ModelCard.
+
+Supported: everything the base parameters support; values only where the robot file states all members.
+"""
+
+from symid.codegen.functions import FunctionSpec, JointCard, ModelCard, ParameterCard, find_model_signature
+from symid.dynamics.base import BaseParameter, BaseParameters
+from symid.dynamics.values import find_parameter_values
+from symid.notation import find_unit
+from symid.robot.description import JointKind, Robot
+
+__all__ = ["build_model_card"]
+
+
+def _write_card(robot: Robot, parameter: BaseParameter, value: float | None) -> ParameterCard:
+    joint = robot.joints[parameter.label[0]]
+    unit = find_unit(parameter.label[1], prismatic=joint.kind is JointKind.PRISMATIC)
+    return ParameterCard(
+        name=parameter.name,
+        expression=parameter.expression,
+        unit=unit,
+        reason=parameter.reason,
+        joint=joint.name,
+        value=value,
+    )
+
+
+def build_model_card(robot: Robot, base: BaseParameters, specs: tuple[FunctionSpec, ...]) -> ModelCard:
+    """Return what users of the functions must know of the model."""
+    values = find_parameter_values(robot, base)
+    joints = tuple(
+        JointCard(name=joint.name, kind=joint.kind.value, friction=joint.friction.kind.value)
+        for joint in robot.joints
+    )
+    return ModelCard(
+        robot=robot.name,
+        signature=find_model_signature(
+            robot,
+            [(parameter.name, parameter.expression) for parameter in (*base.parameters, *base.friction)],
+        ),
+        joints=joints,
+        beta=tuple(
+            _write_card(robot, parameter, values.get(parameter.name)) for parameter in base.parameters
+        ),
+        friction=tuple(
+            _write_card(robot, parameter, values.get(parameter.name)) for parameter in base.friction
+        ),
+        functions=specs,
+    )
