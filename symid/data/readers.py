@@ -20,7 +20,7 @@ from symid.data.mat_file import read_mat
 from symid.data.npz_file import read_npz
 from symid.data.quantities import find_quantity, find_time
 from symid.data.recording import Recording
-from symid.data.signals import describe_too_short, describe_uneven, find_least_samples
+from symid.data.signals import describe_too_short, describe_uneven, find_least_samples, settle_processing
 from symid.data.table import RawLog, refuse_file
 from symid.errors import LogError
 from symid.robot.description import Processing, Robot
@@ -126,5 +126,8 @@ def _check_time(time: FloatArray, processing: Processing, findings: Findings) ->
         uneven = describe_uneven(time, file=findings.file)
         if uneven is not None:
             findings.mistakes.append(uneven)
+    span = float(time[-1] - time[0]) if len(time) > 1 else 0.0
+    if span > 0.0 and np.isfinite(span):
+        processing = settle_processing(processing, span / (len(time) - 1))
     if len(time) < find_least_samples(processing):
         findings.mistakes.append(describe_too_short(len(time), processing, file=findings.file))

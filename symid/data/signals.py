@@ -10,6 +10,7 @@ filtered position, so that both pass exactly the filter that the position passed
 Not supported: a logged velocity instead of the differentiated position.
 """
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -26,8 +27,11 @@ __all__ = [
     "describe_uneven",
     "find_least_samples",
     "prepare_signals",
+    "settle_processing",
 ]
 
+_ROW_RATE = 100.0
+"""Rows a second, in Hz, where the settings leave it open: ten times what robots move at, and more."""
 _GAP = 1.5
 """Steps of time above this many median periods are gaps; 1 sample lost makes a step of 2."""
 _JITTER = 0.2
@@ -59,6 +63,28 @@ def prepare_signals(recording: Recording, processing: Processing) -> Signals:
     return Signals(
         time=recording.time[kept], q=q[kept], dq=dq[kept], ddq=ddq[kept], tau=tau[kept], period=period
     )
+
+
+def settle_processing(processing: Processing, period: float) -> Processing:
+    """Return the settings with cut-off and decimation chosen, where they are left to the sample rate.
+
+    Rows come at 100 Hz or a little less; the position's cut-off lies five times above what decimation
+    keeps, or at 0.4 of the sample rate: high enough that it damps nothing that the torque keeps.
+
+    Args:
+        processing: as stated; returned as it is unless `automatic`.
+        period: sample period in s.
+    """
+    if not processing.automatic:
+        return processing
+    rate = 1.0 / period
+    decimation = processing.decimation
+    if decimation.factor == 1:
+        # A hair below a whole number of times is that number: periods carry rounding.
+        decimation = replace(decimation, factor=max(1, math.ceil(rate / _ROW_RATE - 1e-6)))
+    kept = 0.5 * decimation.band * rate / decimation.factor
+    cutoff = processing.filter_cutoff or float(f"{min(5.0 * kept, 0.4 * rate):.3g}")
+    return replace(processing, filter_cutoff=cutoff, decimation=decimation, automatic=False)
 
 
 def decimate_columns(matrix: FloatArray, decimation: Decimation) -> FloatArray:

@@ -13,6 +13,7 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.codegen.library import Library
 from symid.data.recording import Recording
+from symid.data.signals import settle_processing
 from symid.errors import Notice
 from symid.identification.identifiability import Identifiability
 from symid.identification.regression import Fit
@@ -20,7 +21,13 @@ from symid.identification.rows import Rows
 from symid.identification.statistics import find_group_scatter
 from symid.robot.description import Processing
 
-__all__ = ["find_block_deviations", "warn_of_mass_matrix", "warn_of_pattern", "warn_of_processing"]
+__all__ = [
+    "find_block_deviations",
+    "warn_of_choice",
+    "warn_of_mass_matrix",
+    "warn_of_pattern",
+    "warn_of_processing",
+]
 
 _LEAST_RATIO = 2.5
 """Of the position's cut-off to the highest frequency that decimation keeps."""
@@ -48,6 +55,19 @@ def warn_of_processing(processing: Processing, recordings: Sequence[Recording]) 
         f"{_LEAST_RATIO * kept:.3g} Hz or more, or decimate further"
     )
     return (Notice(code="identify.low-cutoff", text=text),)
+
+
+def warn_of_choice(processing: Processing, recordings: Sequence[Recording]) -> tuple[Notice, ...]:
+    """Return a notice that says which filters were chosen because the robot file states none."""
+    chosen = settle_processing(processing, recordings[0].period)
+    if chosen == processing:
+        return ()
+    text = (
+        "the robot file leaves the processing open: positions pass a "
+        f"low-pass at {chosen.filter_cutoff:g} Hz, and one row in {chosen.decimation.factor} is kept; "
+        "state filter_cutoff and decimation under [processing] to choose yourself"
+    )
+    return (Notice(code="identify.automatic", text=text),)
 
 
 def find_block_deviations(rows: Rows, fit: Fit, seen: Identifiability, *, weighted: bool) -> FloatArray:

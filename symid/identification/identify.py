@@ -17,8 +17,14 @@ import numpy as np
 from symid.codegen.functions import ParameterCard
 from symid.codegen.library import Library
 from symid.data.recording import Recording
+from symid.data.signals import settle_processing
 from symid.errors import Notice, UsageError
-from symid.identification.doubts import warn_of_mass_matrix, warn_of_pattern, warn_of_processing
+from symid.identification.doubts import (
+    warn_of_choice,
+    warn_of_mass_matrix,
+    warn_of_pattern,
+    warn_of_processing,
+)
 from symid.identification.estimate import Estimate, Outcome, ParameterEstimate
 from symid.identification.identifiability import Identifiability, RankRule, find_identifiability
 from symid.identification.preparation import prepare_rows
@@ -61,10 +67,17 @@ def identify_parameters(
         IdentifiabilityError: nothing can be learnt.
     """
     _check_call(recordings, rows, estimator)
+    chosen = warn_of_choice(processing, recordings)
+    processing = settle_processing(processing, recordings[0].period)
     parts = [prepare_rows(rows, library, recording, processing, window=window) for recording in recordings]
     stacked = stack_rows(parts)
     seen = find_identifiability(stacked, rule)
     fit = ESTIMATORS[estimator](stacked, seen, processing.noise_freedom)
+    doubts = (
+        *warn_of_processing(processing, recordings),
+        *warn_of_pattern(stacked, fit, seen, weighted=estimator == "wls"),
+        *(() if seen.refused else warn_of_mass_matrix(library, fit.values, recordings)),
+    )
     parameters = _list_parameters(library.card.beta + library.card.friction, fit, seen)
     window_used = {} if rows == "torque" else {"window": window}
     return Estimate(
@@ -83,14 +96,7 @@ def identify_parameters(
         refused=seen.refused,
         unresolved=_list_unresolved(stacked, fit, seen),
         covariance=_cut_covariance(fit, seen),
-        notices=(
-            *warn_of_processing(processing, recordings),
-            *stacked.notices,
-            *seen.notices,
-            *_warn_of_vague(parameters),
-            *warn_of_pattern(stacked, fit, seen, weighted=estimator == "wls"),
-            *(() if seen.refused else warn_of_mass_matrix(library, fit.values, recordings)),
-        ),
+        notices=(*chosen, *stacked.notices, *seen.notices, *_warn_of_vague(parameters), *doubts),
     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from symid.codegen.library import Library
 from symid.data.recording import Recording
-from symid.data.signals import prepare_signals
+from symid.data.signals import prepare_signals, settle_processing
 from symid.errors import IdentifiabilityError, LogError, Notice
 from symid.identification.identifiability import find_resting_joints, settle_joints
 from symid.identification.rows import Rows, build_rows, drop_groups, select_rows
@@ -31,6 +31,7 @@ def prepare_rows(
         UsageError: there is no such kind of rows, or the windows do not fit.
     """
     _check_joints(library, recording)
+    processing = settle_processing(processing, recording.period)
     resting = find_resting_joints(recording)
     if len(resting) == library.card.size:
         raise IdentifiabilityError(_say_standstill(recording))

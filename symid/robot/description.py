@@ -150,7 +150,8 @@ class Processing:
     m/s) below which a joint's rows are left out, because dry friction there is not a function of
     velocity; `noise_freedom` what |e|^2 of m rows is divided by to get the variance of the noise, k
     parameters fitted: "band" m b - k, b the part of the band that decimation lets pass (rows behind a
-    filter are not independent), "parameters" m - k, "one" m - 1, as some publications do.
+    filter are not independent), "parameters" m - k, "one" m - 1, as some publications do;
+    `automatic` that a cut-off and a decimation that are not stated follow from the sample rate.
     """
 
     filter_order: int = 4
@@ -160,6 +161,7 @@ class Processing:
     drop_last: int = 0
     standstill: float = 0.0
     noise_freedom: str = "band"
+    automatic: bool = False
     decimation: Decimation = field(default_factory=Decimation)
 
 

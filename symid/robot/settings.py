@@ -37,6 +37,7 @@ _PROCESSING = (
     "drop_last",
     "standstill",
     "noise_freedom",
+    "automatic",
     "decimation",
 )
 _FREEDOMS = ("band", "parameters", "one")
@@ -62,7 +63,7 @@ def read_processing(root: Section) -> Processing:
     """Return the `[processing]` table, the defaults where it says nothing."""
     table = read_table(root, "processing", _PROCESSING)
     if table is None:
-        return Processing()
+        return Processing(automatic=True)
     standard = Processing()
     cutoff = None
     if table.values.get("filter_cutoff") != _NONE:
@@ -74,6 +75,7 @@ def read_processing(root: Section) -> Processing:
         drop_first=read_integer(table, "drop_first", NOT_NEGATIVE) or 0,
         drop_last=read_integer(table, "drop_last", NOT_NEGATIVE) or 0,
         standstill=float(read_number(table, "standstill", "rad/s or m/s", NOT_NEGATIVE) or 0),
+        automatic=bool(read_flag(table, "automatic")),
         noise_freedom=read_choice(table, "noise_freedom", _FREEDOMS) or standard.noise_freedom,
         decimation=_read_decimation(table),
     )
@@ -244,6 +246,7 @@ def list_processing(processing: Processing) -> dict[str, Any]:
         "drop_last": processing.drop_last,
         "standstill": _exactly(processing.standstill),
         "noise_freedom": processing.noise_freedom,
+        "automatic": processing.automatic,
         "decimation": {
             "factor": decimation.factor,
             "order": decimation.order,

@@ -8,6 +8,7 @@ import pytest
 from symid.codegen.cache import prepare_library
 from symid.excitation.trajectories import FourierOptions, build_random_fourier
 from symid.identification.identify import identify_parameters
+from symid.robot.description import Processing
 from symid.robot.toml import read_robot
 from symid.simulation.experiment import ExperimentOptions, simulate_experiment
 from symid.simulation.sensors import SensorOptions
@@ -66,3 +67,19 @@ def test_a_low_cutoff_is_doubted(robot, recordings):
     processing = replace(robot.processing, filter_cutoff=50.0)
     codes = [notice.code for notice in identify_parameters(library, runs[:1], processing).notices]
     assert "identify.low-cutoff" in codes
+
+
+def test_a_file_without_processing_still_gives_sound_results(robot, recordings):
+    library, runs = recordings
+    sizes = []
+    for settings in (Processing(automatic=True), Processing()):
+        estimates = [identify_parameters(library, (run,), settings) for run in runs[:4]]
+        scores = np.array([[(p.value - p.truth) / p.std for p in e.parameters] for e in estimates])
+        sizes.append(np.sqrt(np.mean(scores**2)))
+    # Rows at standstill stay in, so that deviations are a little too small; raw differences are far off.
+    assert sizes[0] < 2.0
+    assert sizes[1] > 5.0
+    estimates = [identify_parameters(library, runs[:1], Processing(automatic=True))]
+    assert estimates[0].notices[0].code == "identify.automatic"
+    assert "low-pass at 200 Hz, and one row in 10" in estimates[0].notices[0].text
+    assert estimates[0].settings["processing"]["filter_cutoff"] == 200.0

@@ -1,5 +1,7 @@
 """Filters against closed forms: no phase, known gain, the kept samples, exact derivatives."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,7 +9,7 @@ from hypothesis import strategies as st
 
 from symid.data.filters import decimate, differentiate, find_noise_band, low_pass
 from symid.data.recording import Recording
-from symid.data.signals import decimate_columns, find_least_samples, prepare_signals
+from symid.data.signals import decimate_columns, find_least_samples, prepare_signals, settle_processing
 from symid.errors import LogError
 from symid.robot.description import Decimation, Processing
 
@@ -222,3 +224,20 @@ def test_the_noise_band_is_that_of_filtered_noise(factor, cutoff, filter_torque)
 
 def test_without_filters_all_rows_are_independent():
     assert find_noise_band(Processing(filter_cutoff=40.0), 1e-3) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("rate", "factor", "cutoff"),
+    [(1000.0, 10, 200.0), (5000.0, 50, 200.0), (250.0, 3, 100.0), (100.0, 1, 40.0)],
+)
+def test_open_settings_follow_from_the_sample_rate(rate, factor, cutoff):
+    settled = settle_processing(Processing(automatic=True), 1.0 / rate)
+    assert (settled.decimation.factor, settled.filter_cutoff) == (factor, cutoff)
+    assert not settled.automatic
+
+
+def test_what_is_stated_stays():
+    stated = Processing(filter_cutoff=33.0, decimation=Decimation(factor=4))
+    assert settle_processing(stated, 1e-3) == stated
+    assert settle_processing(replace(stated, automatic=True), 1e-3) == stated
+    assert settle_processing(Processing(), 1e-3).filter_cutoff is None
