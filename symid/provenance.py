@@ -16,16 +16,19 @@ __all__ = ["find_signature", "write_canonical"]
 
 
 def write_canonical(value: object) -> bytes:
-    """Return bytes that are the same for equal values, and differ for different ones.
+    """Return bytes that are the same for the same value, and differ for different ones.
+
+    Types count where they change meaning: 1 and 1.0 differ, as do 0.0 and -0.0, an enumeration and its
+    value, an array and the tuple of its parts; a tuple and a list of the same entries do not.
 
     Raises:
-        TypeError: `value` holds an object without a canonical form, such as a set.
+        TypeError: `value` holds an object without a canonical form, such as a set or an array of objects.
     """
     match value:
         case None | bool():
             return f"{value!r};".encode()
         case Enum():
-            return write_canonical(value.value)
+            return b"e" + type(value).__name__.encode() + write_canonical(value.value)
         case int() | Fraction():
             return f"q{value};".encode()
         case float():
@@ -44,7 +47,10 @@ def write_canonical(value: object) -> bytes:
         inner = (getattr(value, field.name) for field in fields(value))
         return type(value).__name__.encode() + write_canonical(tuple(inner))
     if hasattr(value, "tobytes") and hasattr(value, "dtype") and hasattr(value, "shape"):
-        return write_canonical((str(value.dtype), tuple(value.shape), value.tobytes()))
+        if value.dtype.hasobject:
+            message = "no canonical form for an array of objects"
+            raise TypeError(message)
+        return b"a" + write_canonical((str(value.dtype), tuple(value.shape), value.tobytes()))
     message = f"no canonical form for {type(value).__name__}"
     raise TypeError(message)
 

@@ -24,12 +24,12 @@ from pathlib import Path
 
 from symid import __version__
 from symid.codegen.cache_folder import find_cache_folder, find_user_folder, make_temporary_folder
-from symid.codegen.compiler import CANDIDATES, Compiler, compile_sources, find_compiler
+from symid.codegen.compiler import CANDIDATES, Compiler, compile_sources, find_compiler, find_fault
 from symid.codegen.library import Library, load_library
 from symid.codegen.names import find_prefix
 from symid.codegen.templates import find_template_bytes
 from symid.codegen.writer import MANIFEST, find_digest, write_sources
-from symid.errors import Notice, OutputError
+from symid.errors import GenerationError, Notice, OutputError
 from symid.provenance import find_signature
 from symid.robot.description import Joint, Limits, LogMap, Processing, Robot
 
@@ -197,12 +197,14 @@ def _obtain(order: _Order, key: str) -> tuple[Path, str, tuple[Notice, ...]]:
     return entry, damage, (notice,)
 
 
-def _find_notices(damage: str, entry: Path, found: Compiler | None, wanted: str | None) -> tuple[Notice, ...]:
+def _find_notices(
+    damage: str, entry: Path, found: Compiler | None, wanted: str | None, *, told: bool
+) -> tuple[Notice, ...]:
     notices = []
     if damage:
         text = f"the cached library was not used and made again: {damage}"
         notices.append(Notice(code="codegen.cache-rebuilt", text=text, file=str(entry)))
-    if found is None:
+    if found is None and not told:
         names = f"the C compiler {wanted!r}" if wanted else f"a C compiler ({', '.join(CANDIDATES)})"
         text = f"{names} was not found; the NumPy module is used, which is slower"
         notices.append(Notice(code="codegen.no-compiler", text=text))
@@ -234,6 +236,20 @@ def prepare_library(
     """
     found = find_compiler(compiler)
     order = _Order(robot=robot, names=names, compiler=found, progress=progress or (lambda _: None))
-    key = find_library_key(robot, names, found)
-    entry, damage, notices = _obtain(order, key) if cache is None else (*_obtain_entry(order, cache, key), ())
-    return load_library(entry, notices=(*notices, *_find_notices(damage, entry, found, compiler)))
+    try:
+        return _load(order, cache, compiler, ())
+    except GenerationError:
+        fault = find_fault(found) if found else ""
+        if not fault:
+            raise
+    # Not the generated code is at fault but the compiler, for example one without the C library's headers.
+    text = f"the C compiler cannot be used: {fault}; the NumPy module is used, which is slower"
+    notice = Notice(code="codegen.compiler-unusable", text=text)
+    return _load(replace(order, compiler=None), cache, compiler, (notice,))
+
+
+def _load(order: _Order, cache: Path | None, wanted: str | None, notices: tuple[Notice, ...]) -> Library:
+    key = find_library_key(order.robot, order.names, order.compiler)
+    entry, damage, more = _obtain(order, key) if cache is None else (*_obtain_entry(order, cache, key), ())
+    missing = _find_notices(damage, entry, order.compiler, wanted, told=bool(notices))
+    return load_library(entry, notices=(*notices, *more, *missing))

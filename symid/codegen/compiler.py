@@ -16,11 +16,12 @@ from pathlib import Path
 
 from symid.errors import GenerationError, Notice
 
-__all__ = ["CANDIDATES", "FLAGS", "Compiler", "compile_sources", "find_compiler"]
+__all__ = ["CANDIDATES", "FLAGS", "Compiler", "compile_sources", "find_compiler", "find_fault"]
 
 FLAGS = ("-std=c99", "-O2", "-fPIC")
 CANDIDATES = ("cc", "gcc", "clang")
 _WORKERS = 2
+_SMALLEST = "#include <math.h>\ndouble smallest(double x) { return sin(x); }\n"
 _TIMEOUT = 600.0
 
 
@@ -57,6 +58,18 @@ def find_compiler(command: str | None = None) -> Compiler | None:
             continue
         return Compiler(path=path, version=lines[0] if lines else "")
     return None
+
+
+def find_fault(compiler: Compiler) -> str:
+    """Return why the compiler cannot make a library of the smallest file, or nothing: is it the machine?"""
+    with tempfile.TemporaryDirectory(prefix="symid-") as scratch:
+        source = Path(scratch) / "smallest.c"
+        source.write_text(_SMALLEST, encoding="utf-8")
+        try:
+            compile_sources(compiler, [source], Path(scratch) / "smallest.so")
+        except GenerationError as error:
+            return str(error)
+    return ""
 
 
 def compile_sources(compiler: Compiler, sources: Sequence[Path], output: Path) -> Path:

@@ -35,6 +35,7 @@ def read_mat(path: Path) -> RawLog:
 
     try:
         content = loadmat(str(path), struct_as_record=True)
+    # SciPy raises any of these on a damaged file, according to where the damage lies.
     except (MatReadError, ValueError, TypeError, NotImplementedError, OSError, KeyError, zlib.error) as error:
         text = f"this is not a MATLAB file that can be read: {error}"
         raise refuse_file(str(path), text, "log.format") from error

@@ -16,9 +16,17 @@ import numpy as np
 
 from symid.arrays import FloatArray
 from symid.data.findings import Findings
+from symid.data.scales import (
+    choose_unit,
+    describe_scale,
+    find_scale,
+    is_motor_side,
+    is_other_dimension,
+    join_names,
+    look_up_unit,
+)
 from symid.data.table import RawLog
-from symid.robot.description import Joint, JointKind, LogQuantity, Robot
-from symid.units import find_unit_factor, nearest_units
+from symid.robot.description import LogQuantity, Robot
 
 __all__ = ["DEFAULT_NAMES", "find_quantity", "find_time"]
 
@@ -30,14 +38,6 @@ DEFAULT_NAMES = {
 }
 """Names under which a quantity is looked up where the robot file says nothing."""
 
-_DIMENSIONS = {
-    "position": {JointKind.REVOLUTE: "angle", JointKind.PRISMATIC: "length"},
-    "velocity": {JointKind.REVOLUTE: "angular velocity", JointKind.PRISMATIC: "velocity"},
-    "torque": {JointKind.REVOLUTE: "torque", JointKind.PRISMATIC: "force"},
-}
-# A factor may have any of these on the raw side: encoder counts, sensor and command voltages.
-_CONVERTIBLE = ("number", "voltage", "current")
-
 
 def find_time(raw: RawLog, robot: Robot, findings: Findings) -> tuple[FloatArray | None, tuple[str, ...]]:
     """Return time (N,) in s, None if it is not there, and the names of the columns used."""
@@ -46,8 +46,8 @@ def find_time(raw: RawLog, robot: Robot, findings: Findings) -> tuple[FloatArray
     array = _stack_columns(raw, names, "time", findings, asked=asked is not None)
     if array is None:
         return None, names
-    unit = _choose_unit(raw, names, asked, "s", findings)
-    found = _look_up_unit(unit, "time", findings)
+    unit = choose_unit(raw, names, asked, "s", findings)
+    found = look_up_unit(unit, "time", findings)
     if found is None:
         return None, names
     if found[0] not in ("time", "SI"):
@@ -84,16 +84,16 @@ def find_quantity(
     if array is None:
         return None, names
     if array.shape[1] != robot.size:
-        text = f"{name} has {array.shape[1]} columns ({_join(names)}), the robot {robot.size} joints"
+        text = f"{name} has {array.shape[1]} columns ({join_names(names)}), the robot {robot.size} joints"
         findings.refuse("log.joint-count", text)
         return None, names
-    unit = _choose_unit(raw, names, asked, "SI", findings)
-    scale = _find_scale(name, unit, asked, robot.joints, findings)
+    unit = choose_unit(raw, names, asked, "SI", findings)
+    scale = find_scale(name, unit, asked, robot.joints, findings)
     if scale is None:
         return None, names
-    if np.any(scale != 1.0) or _is_motor_side(asked) or _is_other_dimension(name, unit, robot.joints):
-        text = _describe_scale(name, unit, scale, asked, robot.joints)
-        findings.remark("log.converted", f"{name}: {_join(names)} {text}")
+    if np.any(scale != 1.0) or is_motor_side(asked) or is_other_dimension(name, unit, robot.joints):
+        text = describe_scale(name, unit, scale, asked, robot.joints)
+        findings.remark("log.converted", f"{name}: {join_names(names)} {text}")
     return array * scale, names
 
 
@@ -124,12 +124,14 @@ def _check_joint_numbers(
         return True
     remedy = f"say in [log.{name}] which column belongs to which joint"
     if numbers[0] > 1 or numbers != list(range(numbers[0], numbers[0] + len(numbers))):
-        text = f"{name}: {_join(names)} do not count the joints as 1, 2 ... or 0, 1 ...; {remedy}"
+        text = f"{name}: {join_names(names)} do not count the joints as 1, 2 ... or 0, 1 ...; {remedy}"
         findings.refuse("log.joint-numbers", text)
         return False
     first = [] if robot.log.position else _list_numbers(_find_default_names(raw, "position"))
     if first and first[0] in (0, 1) and first[0] != numbers[0]:
-        text = f"{name} is numbered from {numbers[0]} ({_join(names)}), position from {first[0]}; {remedy}"
+        text = (
+            f"{name} is numbered from {numbers[0]} ({join_names(names)}), position from {first[0]}; {remedy}"
+        )
         findings.refuse("log.joint-numbers", text)
         return False
     return True
@@ -160,7 +162,7 @@ def _describe_missing(raw: RawLog, name: str, quantity: str) -> str:
         return f"{quantity}: {name!r} is in the log, but it is not a column of real numbers"
     near = difflib.get_close_matches(name, raw.columns, n=3, cutoff=0.5)
     hint = f"did you mean {' or '.join(map(repr, near))}? " if near else ""
-    there = _join(tuple(raw.columns)) or "no columns"
+    there = join_names(tuple(raw.columns)) or "no columns"
     return f"{quantity}: there is no column {name!r}; {hint}the log has {there}"
 
 
@@ -184,140 +186,8 @@ def _orient(
     if samples is None or len(array) == samples:
         return array
     if array.shape[1] == samples:
-        findings.remark("log.transposed", f"{name}: {_join(names)} has a row a joint and was transposed")
+        findings.remark("log.transposed", f"{name}: {join_names(names)} has a row a joint and was transposed")
         return array.T
-    text = f"{name} ({_join(names)}) has {len(array)} samples, time has {samples}"
+    text = f"{name} ({join_names(names)}) has {len(array)} samples, time has {samples}"
     findings.refuse("log.unequal-length", text)
     return None
-
-
-def _choose_unit(
-    raw: RawLog, names: tuple[str, ...], asked: LogQuantity | None, standard: str, findings: Findings
-) -> str:
-    """Return the unit of the robot file, else that of the log, else SI; say where the two differ."""
-    stated = {raw.units[name] for name in names if name in raw.units}
-    unknown = {unit for unit in stated if not _find_factor_or_zero(unit)}
-    if unknown:
-        # A unit that does not exist is told as such, not as one that differs from its neighbours'.
-        return min(unknown)
-    if asked is None:
-        silent = tuple(name for name in names if name not in raw.units)
-        if stated and silent:
-            text = (
-                f"no unit is stated for {_join(silent)}, but for its neighbours ({', '.join(sorted(stated))})"
-            )
-            findings.refuse("log.mixed-units", f"{text}; state the unit of every column, or of none (SI)")
-        if len(stated) > 1 and standard == "SI":
-            # Revolute and prismatic joints side by side; each must then be in SI units.
-            stated = stated if any(_find_factor_or_zero(unit) != 1.0 for unit in stated) else set()
-        if len(stated) > 1:
-            units = ", ".join(sorted(stated))
-            findings.refuse(
-                "log.mixed-units", f"{_join(names)} are in different units: {units}; use one for all"
-            )
-        return min(stated, default=standard)
-    for unit in sorted(stated - {asked.unit}):
-        _compare_units(unit, asked.unit, names, findings)
-    return asked.unit
-
-
-def _compare_units(unit: str, asked: str, names: tuple[str, ...], findings: Findings) -> None:
-    """Say where the unit that the log states is not the one that the robot file asks for."""
-    text = f"{_join(names)}: the log says {unit!r}, the robot file {asked!r}"
-    try:
-        there, wanted = find_unit_factor(unit), find_unit_factor(asked)
-    except KeyError:
-        findings.remark("log.unit-differs", f"{text}; the robot file was followed")
-        return
-    if "SI" in (there[0], wanted[0]) or there == wanted:
-        return
-    if there[0] != wanted[0]:
-        text = f"{text}: {there[0]} is not {wanted[0]}; correct the unit in one of them"
-        findings.refuse("log.unit-differs", text)
-    else:
-        findings.remark("log.unit-differs", f"{text}; the robot file was followed")
-
-
-def _find_factor_or_zero(unit: str) -> float:
-    try:
-        return find_unit_factor(unit)[1]
-    except KeyError:
-        return 0.0
-
-
-def _look_up_unit(unit: str, name: str, findings: Findings) -> tuple[str, float] | None:
-    try:
-        return find_unit_factor(unit)
-    except KeyError:
-        near = nearest_units(unit)
-        hint = (
-            f"did you mean {' or '.join(map(repr, near))}?"
-            if near
-            else "leave it out if the column is in SI units"
-        )
-        findings.refuse("log.unknown-unit", f"{name}: there is no unit {unit!r}; {hint}")
-        return None
-
-
-def _find_scale(
-    name: str, unit: str, asked: LogQuantity | None, joints: tuple[Joint, ...], findings: Findings
-) -> FloatArray | None:
-    """Return what each joint's column is multiplied by, (n,)."""
-    found = _look_up_unit(unit, name, findings)
-    if found is None:
-        return None
-    dimension, to_si = found
-    factor = asked.factor if asked else (1.0,)
-    wanted = _DIMENSIONS[name]
-    for joint in joints:
-        if dimension in ("SI", wanted[joint.kind]) or any(value != 1.0 for value in factor):
-            continue
-        # A robot file that names such a unit was asked for its factor, which may well be 1.
-        if asked is None or dimension not in _CONVERTIBLE:
-            needs = ", for which a factor is needed" if dimension in _CONVERTIBLE else ""
-            text = f"{name} is in {unit!r}, a unit of {dimension}{needs}"
-            findings.refuse("log.wrong-unit", f"{text}; joint {joint.name!r} needs {wanted[joint.kind]}")
-            return None
-    if len(factor) not in (1, len(joints)):
-        findings.refuse("log.factor-count", f"{name}: {len(factor)} factors for {len(joints)} joints")
-        return None
-    gear = np.array([joint.drive.gear for joint in joints]) if _is_motor_side(asked) else np.ones(len(joints))
-    turned = gear if name == "torque" else 1.0 / gear
-    return np.broadcast_to(np.array(factor), (len(joints),)) * to_si * turned
-
-
-def _is_motor_side(asked: LogQuantity | None) -> bool:
-    return asked is not None and asked.side == "motor"
-
-
-def _is_other_dimension(name: str, unit: str, joints: tuple[Joint, ...]) -> bool:
-    wanted = {_DIMENSIONS[name][joint.kind] for joint in joints}
-    return find_unit_factor(unit)[0] not in {"SI", *wanted}
-
-
-def _describe_scale(
-    name: str, unit: str, scale: FloatArray, asked: LogQuantity | None, joints: tuple[Joint, ...]
-) -> str:
-    text = f"in {unit} was multiplied by {_list_values(scale)}"
-    gears = np.array([joint.drive.gear for joint in joints])
-    if _is_motor_side(asked):
-        return f"{text} (motor side, gear included: {_list_values(gears)})"
-    constants = np.array([joint.drive.torque_constant or 0.0 for joint in joints])
-    dimension, to_si = find_unit_factor(unit)
-    if (
-        name == "torque"
-        and dimension == "current"
-        and np.allclose(scale, to_si * gears * constants, 1e-12, 0)
-    ):
-        return f"{text} (torque constant {_list_values(constants)} N m/A times gear {_list_values(gears)})"
-    return text
-
-
-def _list_values(values: FloatArray) -> str:
-    """Return the values, or the one value that all joints share."""
-    shown = values if np.any(values != values[0]) else values[:1]
-    return ", ".join(f"{value:.10g}" for value in shown)
-
-
-def _join(names: tuple[str, ...]) -> str:
-    return ", ".join(map(repr, names))

@@ -18,7 +18,7 @@ from symid.errors import Notice
 from symid.identification.identifiability import Identifiability
 from symid.identification.regression import Fit
 from symid.identification.rows import Rows
-from symid.identification.statistics import find_group_scatter
+from symid.identification.statistics import find_group_scatter, find_inverse_root
 from symid.robot.description import Processing
 
 __all__ = [
@@ -80,14 +80,15 @@ def find_block_deviations(rows: Rows, fit: Fit, seen: Identifiability, *, weight
     weights = 1.0 / np.maximum(scatter, 1e-300)[rows.group] if weighted else np.ones(len(rows.values))
     design = (rows.matrix @ seen.basis) * weights[:, None]
     errors = fit.residuals * weights
-    inverse = np.linalg.pinv(design.T @ design)
-    total = np.zeros_like(inverse)
+    root = find_inverse_root(design)
+    total = np.zeros((design.shape[1], design.shape[1]))
     for group in np.unique(rows.group):
         members = np.flatnonzero(rows.group == group)
         for block in np.array_split(members, min(_BLOCKS, len(members))):
             score = design[block].T @ errors[block]
             total += np.outer(score, score)
-    covariance = seen.basis @ inverse @ total @ inverse @ seen.basis.T
+    left = seen.basis @ root @ root.T
+    covariance = left @ total @ left.T
     deviations: FloatArray = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     return deviations
 

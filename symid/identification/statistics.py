@@ -13,7 +13,13 @@ from symid.arrays import FloatArray
 from symid.identification.estimate import Residual
 from symid.identification.rows import Rows
 
-__all__ = ["find_covariance", "find_group_scatter", "find_residuals", "find_robust_covariance"]
+__all__ = [
+    "find_covariance",
+    "find_group_scatter",
+    "find_inverse_root",
+    "find_residuals",
+    "find_robust_covariance",
+]
 
 
 def find_covariance(basis: FloatArray, design: FloatArray, errors: FloatArray, freedom: float) -> FloatArray:
@@ -26,7 +32,7 @@ def find_covariance(basis: FloatArray, design: FloatArray, errors: FloatArray, f
         freedom: rows of independent noise less what the fit took; m - r for white noise.
     """
     variance = float(errors @ errors) / freedom
-    root = basis @ _find_inverse_root(design)
+    root = basis @ find_inverse_root(design)
     covariance: FloatArray = variance * (root @ root.T)
     return covariance
 
@@ -37,7 +43,7 @@ def find_robust_covariance(basis: FloatArray, design: FloatArray, errors: FloatA
     B (F'F)^-1 F' diag(e_i^2 / (1 - h_i)^2) F (F'F)^-1 B', h_i the leverage of row i: the
     estimator HC3 of MacKinnon and White (1985). Arguments as for `find_covariance`.
     """
-    root = _find_inverse_root(design)
+    root = find_inverse_root(design)
     orthonormal = design @ root
     leverage = np.minimum(np.sum(orthonormal**2, axis=1), 1.0 - 1e-9)
     weighted = orthonormal * (errors / (1.0 - leverage))[:, None]
@@ -46,7 +52,7 @@ def find_robust_covariance(basis: FloatArray, design: FloatArray, errors: FloatA
     return covariance
 
 
-def _find_inverse_root(design: FloatArray) -> FloatArray:
+def find_inverse_root(design: FloatArray) -> FloatArray:
     """Return V S^-1 of the singular value decomposition, so that its square is (F'F)^-1."""
     _, singular, directions = np.linalg.svd(np.linalg.qr(design, mode="r"), full_matrices=False)
     root: FloatArray = directions.T / singular

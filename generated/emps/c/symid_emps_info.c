@@ -8,10 +8,10 @@ const char *symid_emps_version(void)
 
 const char *symid_emps_signature(void)
 {
-    return "fde3f9bc8e3fe07f7c413d786906b38102df1d4d5b21a7a091d960cc0e856038";
+    return "f37d2a77e2c33f8be2fc44cc5380ef3ecda56ada3174173ac6675417adfa9664";
 }
 
 const char *symid_emps_digest(void)
 {
-    return "e5cfe2e7da30e326e26c11bd5a8f069d7922e2491ed7f818ec03d1cf9637a7ba";
+    return "4d4c43a13cfe2674718e5f9b697e2b55cf7bfa5d40937d7f2caf170d1941f87b";
 }

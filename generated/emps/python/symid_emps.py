@@ -22,7 +22,7 @@ import numpy as np
 __all__ = ["forward_kinematics", "jacobian", "mass_matrix", "coriolis_matrix", "gravity", "bias", "inverse_dynamics", "forward_dynamics", "inverse_dynamics_derivatives", "energy", "energy_regressor", "momentum_regressor", "lagrange_regressor", "torque_regressor", "slotine_li_regressor", "friction", "friction_regressor"]
 
 VERSION = "0.1.0"
-SIGNATURE = "fde3f9bc8e3fe07f7c413d786906b38102df1d4d5b21a7a091d960cc0e856038"
+SIGNATURE = "f37d2a77e2c33f8be2fc44cc5380ef3ecda56ada3174173ac6675417adfa9664"
 
 
 def _sign(x):

@@ -8,10 +8,10 @@ const char *symid_two_link_version(void)
 
 const char *symid_two_link_signature(void)
 {
-    return "e16287729d41257b55d67f87aec344cd84f1613a5e6b30a4eaa4b9964b9429a5";
+    return "e3e9fe604b0a4d837cd6ecb7e908bd0ba617181e30eb5850a887dab729142f1b";
 }
 
 const char *symid_two_link_digest(void)
 {
-    return "807ec68b87bbffe195d835f788594e8373ed560505b6637b601651988bceaa80";
+    return "5e030fe0bc5ffe4990b9b1abcabfd19bb3e3a9541a8c38f0233efed992f8d4d2";
 }

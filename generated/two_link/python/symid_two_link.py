@@ -31,7 +31,7 @@ import numpy as np
 __all__ = ["forward_kinematics", "jacobian", "mass_matrix", "coriolis_matrix", "gravity", "bias", "inverse_dynamics", "forward_dynamics", "inverse_dynamics_derivatives", "energy", "energy_regressor", "momentum_regressor", "lagrange_regressor", "torque_regressor", "slotine_li_regressor", "friction", "friction_regressor"]
 
 VERSION = "0.1.0"
-SIGNATURE = "e16287729d41257b55d67f87aec344cd84f1613a5e6b30a4eaa4b9964b9429a5"
+SIGNATURE = "e3e9fe604b0a4d837cd6ecb7e908bd0ba617181e30eb5850a887dab729142f1b"
 
 
 def _sign(x):

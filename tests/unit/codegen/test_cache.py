@@ -120,11 +120,18 @@ def test_two_processes_at_once_and_then_a_hit_without_heavy_imports(robots_folde
     assert (out, err) == ("3.0\n[]\n", "")
 
 
-def test_a_failed_build_leaves_no_entry(robot, tmp_path, monkeypatch, c_compiler):
-    broken = Compiler(path=c_compiler, version="x", flags=("--no-such-flag",))
-    monkeypatch.setattr(cache_module, "find_compiler", lambda _: broken)
-    with pytest.raises(GenerationError, match="--no-such-flag"):
-        prepare(robot, tmp_path)
+def test_generated_code_that_does_not_compile_is_an_error_and_leaves_no_entry(
+    robot, tmp_path, monkeypatch, c_compiler
+):
+    """With a sound compiler the fault is ours: nothing falls back, nothing stays behind."""
+
+    def spoil(compiler, sources, output):
+        sources[0].write_text("this is no C\n", encoding="utf-8")
+        return compile_sources(compiler, sources, output)
+
+    monkeypatch.setattr(cache_module, "compile_sources", spoil)
+    with pytest.raises(GenerationError, match="the compiler failed"):
+        prepare_library(robot, cache=tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -261,3 +268,18 @@ def test_byte_code_in_an_entry_is_not_run(robot, tmp_path):
 def test_a_compiler_asked_for_by_name_is_named(robot, tmp_path):
     library, _ = prepare(robot, tmp_path, compiler="clang-99")
     assert "'clang-99' was not found" in library.notices[0].text
+
+
+def test_a_compiler_that_compiles_nothing_is_said_and_numpy_is_used(tmp_path, monkeypatch, robots_folder):
+    """As on a machine with gcc but without the headers of the C library."""
+    broken = tmp_path / "bin" / "cc"
+    broken.parent.mkdir()
+    broken.write_text(
+        '#!/bin/sh\n[ "$1" = --version ] && echo cc 1.0 && exit 0\necho no math.h >&2\nexit 1\n'
+    )
+    broken.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{broken.parent}:/usr/bin:/bin")
+    library = prepare_library(read_robot(robots_folder / "emps.toml"), cache=tmp_path / "cache")
+    assert library.backend == "python"
+    assert [notice.code for notice in library.notices] == ["codegen.compiler-unusable"]
+    assert "no math.h" in library.notices[0].text

@@ -379,3 +379,12 @@ def test_a_unit_that_does_not_exist_is_told_as_such(tmp_path, robots_folder):
     with pytest.raises(LogError, match="'radd'") as caught:
         read_recording(path, read_robot(robots_folder / "two_link.toml"))
     assert [notice.code for notice in caught.value.notices] == ["log.unknown-unit"]
+
+
+def test_a_unit_of_the_robot_file_outweighs_an_unknown_one_of_the_log(tmp_path, robots_folder):
+    path = tmp_path / "log.csv"
+    rows = "\n".join(f"{k * 1e-3},{k * 1e-3},0" for k in range(3000))
+    path.write_text(f"t [s],qm [ticks],vir [V]\n{rows}\n", encoding="utf-8")
+    recording = read_recording(path, read_robot(robots_folder / "emps.toml"))
+    assert recording.position[5, 0] == 5e-3
+    assert "log.unit-differs" in {notice.code for notice in recording.notices}

@@ -103,6 +103,14 @@ def test_concatenation_is_no_collision():
     assert write_canonical({"b": 1, "a": 2}) == write_canonical({"a": 2, "b": 1})
 
 
+def test_a_value_is_not_what_it_is_made_of():
+    array = np.arange(4.0)
+    assert find_signature(Colour.RED) != find_signature("red")
+    assert find_signature(array) != find_signature((str(array.dtype), array.shape, array.tobytes()))
+    with pytest.raises(TypeError, match="no canonical form"):
+        write_canonical(np.array([object()]))
+
+
 def test_arrays_are_signed_by_type_shape_and_bytes():
     array = np.arange(4.0)
     assert find_signature(array) == find_signature(array.copy())
