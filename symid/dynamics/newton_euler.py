@@ -22,7 +22,14 @@ from symid.dynamics.wrenches import (
 )
 from symid.robot.description import Robot
 
-__all__ = ["find_accelerations", "find_inverse_dynamics", "find_reference_rates", "find_slotine_li_torques"]
+__all__ = [
+    "add_rotors",
+    "carry_down",
+    "find_accelerations",
+    "find_inverse_dynamics",
+    "find_reference_rates",
+    "find_slotine_li_torques",
+]
 
 
 def find_accelerations(recursion: Recursion[T]) -> tuple[Acceleration[T], ...]:
@@ -94,7 +101,10 @@ def _link_wrench(
     angular: Vector[T],
     acceleration: Acceleration[T],
 ) -> Wrench[T]:
-    """Return the wrench that moves a link; see `wrenches.find_inertial_wrench`."""
+    """Return the wrench that moves a link.
+
+    f = M a + dw x MS + w x (w x MS);  n = I dw + w x (I w) + MS x a   (Newton and Euler).
+    """
     tensor, moments, mass = body
     swing = cross(algebra, angular, cross(algebra, angular, moments))
     force = add(
@@ -108,7 +118,7 @@ def _link_wrench(
     )
 
 
-def _carry_down(recursion: Recursion[T], wrenches: list[Wrench[T]]) -> list[T]:
+def carry_down(recursion: Recursion[T], wrenches: list[Wrench[T]]) -> list[T]:
     """Return what every joint carries of the wrenches of its link and all links beyond it."""
     robot, algebra, frames = recursion.robot, recursion.algebra, recursion.frames
     carried = list(wrenches)
@@ -122,7 +132,7 @@ def _carry_down(recursion: Recursion[T], wrenches: list[Wrench[T]]) -> list[T]:
     return torques
 
 
-def _add_rotors(
+def add_rotors(
     recursion: Recursion[T], torques: list[T], parameters: Parameters[T], acceleration: tuple[T, ...]
 ) -> tuple[T, ...]:
     algebra = recursion.algebra
@@ -139,8 +149,8 @@ def find_inverse_dynamics(recursion: Recursion[T], parameters: Parameters[T]) ->
         _link_wrench(algebra, gather_body(algebra, parameters, link), motions[link].angular, acceleration)
         for link, acceleration in enumerate(find_accelerations(recursion))
     ]
-    torques = _carry_down(recursion, wrenches)
-    return _add_rotors(recursion, torques, parameters, recursion.state.acceleration)
+    torques = carry_down(recursion, wrenches)
+    return add_rotors(recursion, torques, parameters, recursion.state.acceleration)
 
 
 def _find_momentum(algebra: Algebra[T], body: Body[T], angular: Vector[T], linear: Vector[T]) -> Wrench[T]:
@@ -178,4 +188,4 @@ def find_slotine_li_torques(
             ),
         )
         wrenches.append(add_wrenches(algebra, push, spin))
-    return _add_rotors(recursion, _carry_down(recursion, wrenches), parameters, acceleration)
+    return add_rotors(recursion, carry_down(recursion, wrenches), parameters, acceleration)
