@@ -143,6 +143,10 @@ class ValueTable:
                     needed[abs(ref)] = True
         return [number for number in range(1, len(self._ops) + 1) if needed[number]]
 
+    def walk(self, outputs: Iterable[int]) -> list[tuple[int, Op, tuple[int, ...]]]:
+        """Return number, operation and arguments of the instructions that `outputs` need, in order."""
+        return [(k, self._ops[k - 1], self._args[k - 1]) for k in self._find_needed(outputs)]
+
     def count(self, outputs: Iterable[int]) -> Operations:
         """Return the operations that `outputs` need; see `instructions.count_operations`."""
         ops = [self._ops[number - 1] for number in self._find_needed(outputs)]

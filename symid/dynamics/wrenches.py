@@ -30,11 +30,12 @@ __all__ = [
     "pair",
     "project_columns",
     "project_on_axis",
+    "project_wrench",
 ]
 
 
-Meeting = Callable[[int, str], int]
-"""The link in whose frame the column of (link, parameter) meets the screws; it is the link or before it."""
+Meeting = Callable[[int], int]
+"""In whose frame the wrenches of a link meet the screws: that of the link or of one before it; -1 for none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,28 +140,34 @@ def pair(algebra: Algebra[T], screw: Screw[T], wrench: Wrench[T]) -> T:
     return algebra.add(turning, dot(algebra, screw.linear, wrench.force))
 
 
+def project_wrench(
+    recursion: Recursion[T], link: int, wrench: Wrench[T], screws: Screws[T], stop: int
+) -> list[T]:
+    """Return what every joint feels of a wrench in the frame of `link`.
+
+    The wrench goes down, joint by joint, until it reaches the frame of the link `stop` (-1: to the
+    base); the screws of the joints below come up to that frame. Joints that do not carry the link
+    get zero.
+    """
+    robot, algebra = recursion.robot, recursion.algebra
+    entries = [algebra.zero] * robot.size
+    frame = joint = link
+    while joint >= 0:
+        if frame not in (joint, stop):
+            wrench, frame = lift_wrench(algebra, recursion.frames[frame], wrench), joint
+        entries[joint] = pair(algebra, screws(joint, frame), wrench)
+        joint = robot.joints[joint].parent
+    return entries
+
+
 def project_columns(
     recursion: Recursion[T],
     columns: Mapping[tuple[int, str], Wrench[T]],
     screws: Screws[T],
     meet: Meeting | None = None,
 ) -> dict[tuple[int, str], Sequence[T]]:
-    """Return, for each (link, parameter), the n joint entries of its wrench.
-
-    The wrench goes down from its link, joint by joint, until it reaches the frame of the link that
-    `meet` names (the base if None); the screws of the joints below come up to that frame. Joints
-    that do not carry the link get zero.
-    """
-    robot, algebra, frames = recursion.robot, recursion.algebra, recursion.frames
-    result: dict[tuple[int, str], Sequence[T]] = {}
-    for (link, name), own in columns.items():
-        entries = [algebra.zero] * robot.size
-        stop = meet(link, name) if meet else -1
-        wrench, frame, joint = own, link, link
-        while joint >= 0:
-            if frame not in (joint, stop):
-                wrench, frame = lift_wrench(algebra, frames[frame], wrench), joint
-            entries[joint] = pair(algebra, screws(joint, frame), wrench)
-            joint = robot.joints[joint].parent
-        result[link, name] = entries
-    return result
+    """Return, for each (link, parameter), the n joint entries of its wrench; `meet` None is the base."""
+    return {
+        (link, name): project_wrench(recursion, link, wrench, screws, meet(link) if meet else -1)
+        for (link, name), wrench in columns.items()
+    }

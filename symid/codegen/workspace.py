@@ -1,0 +1,65 @@
+"""What all routes to one function start from: a table of values, the inputs, the robot in its state.
+
+Input: a robot, its base parameters, an entry of the catalogue. Output: `Workspace`.
+
+A coordinate that is not an input of the function is zero: gravity is inverse dynamics at rest.
+
+Supported: rigid robots, symbolic lengths with a value.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from symid.codegen.functions import FunctionSpec
+from symid.codegen.value_algebra import ValueAlgebra, build_value_state
+from symid.codegen.values import ValueTable
+from symid.dynamics.base import BaseParameters, Label
+from symid.dynamics.kinematics import Recursion, build_recursion
+from symid.robot.description import Robot
+
+__all__ = ["Workspace", "build_workspace"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Workspace:
+    """Inputs as references, one a joint or parameter, and the recursion over them.
+
+    `inputs` holds every vector a route may ask for, zeros where the function has no such input;
+    `parameters` the base parameters as sparse link parameters.
+    """
+
+    base: BaseParameters
+    table: ValueTable
+    inputs: Mapping[str, tuple[int, ...]]
+    recursion: Recursion[int]
+    parameters: Mapping[Label, int]
+
+    @property
+    def robot(self) -> Robot:
+        """Return the robot."""
+        return self.recursion.robot
+
+    @property
+    def zeros(self) -> tuple[int, ...]:
+        """Return one zero per joint."""
+        return (self.recursion.algebra.zero,) * self.robot.size
+
+
+def build_workspace(robot: Robot, base: BaseParameters, spec: FunctionSpec) -> Workspace:
+    """Return a new workspace for the function `spec`."""
+    table = ValueTable()
+    zero = table.constant(0.0)
+    per_joint = ("q", "dq", "ddq", "dqr", "ddqr", "tau")
+    sizes = {**dict.fromkeys(per_joint, robot.size), "beta": base.count, "f": len(base.friction)}
+    inputs = {name: (zero,) * size for name, size in sizes.items()}
+    for number, port in enumerate(spec.inputs):
+        inputs[port.name] = tuple(table.input(number, element) for element in range(port.size))
+    state = build_value_state(table, inputs["q"], inputs["dq"], inputs["ddq"])
+    algebra = ValueAlgebra(table, dict(robot.symbols))
+    return Workspace(
+        base=base,
+        table=table,
+        inputs=inputs,
+        recursion=build_recursion(robot, algebra, state),
+        parameters=dict(zip(base.keys, inputs["beta"], strict=True)),
+    )
