@@ -16,10 +16,6 @@ from symid.codegen.values import ValueTable
 __all__ = ["find_gradient", "find_rates"]
 
 
-def _fail(op: Op) -> NotImplementedError:
-    return NotImplementedError(f"no derivative of {op.value}: write it with sums, products, sine and cosine")
-
-
 def _find_slopes(table: ValueTable, number: int, op: Op, args: tuple[int, ...]) -> tuple[int, ...]:
     """Return the derivative of an instruction by each of its arguments."""
     one = table.constant(1.0)
@@ -35,13 +31,15 @@ def _find_slopes(table: ValueTable, number: int, op: Op, args: tuple[int, ...]) 
         return (table.apply(Op.COS, args[0]),)
     if op is Op.COS:
         return (-table.apply(Op.SIN, args[0]),)
-    raise _fail(op)
+    message = f"no derivative of {op.value}: write it with sums, products, sine and cosine"
+    raise TypeError(message)
 
 
 def find_rates(table: ValueTable, values: Sequence[int], seeds: Mapping[int, int]) -> list[int]:
-    """Return the derivatives of `values` in the direction that gives each input its seed."""
-    rates = {abs(ref): seed if ref > 0 else -seed for ref, seed in seeds.items()}
+    """Return the derivatives of `values` in the direction that gives each input its seed; constants stay."""
     zero = table.constant(0.0)
+    moving = {ref: seed for ref, seed in seeds.items() if not table.is_constant(ref) and abs(seed) != zero}
+    rates = {abs(ref): seed if ref > 0 else -seed for ref, seed in moving.items()}
     for number, op, args in table.walk(values):
         if number in rates or op in (Op.INPUT, Op.CONSTANT) or not any(abs(ref) in rates for ref in args):
             continue
@@ -55,7 +53,7 @@ def find_rates(table: ValueTable, values: Sequence[int], seeds: Mapping[int, int
 
 
 def find_gradient(table: ValueTable, value: int, inputs: Sequence[int]) -> list[int]:
-    """Return the derivatives of `value` by each of `inputs`."""
+    """Return the derivatives of `value` by each of `inputs`; by a constant it is zero."""
     zero = table.constant(0.0)
     slopes = {abs(value): table.constant(1.0 if value > 0 else -1.0)}
     for number, op, args in reversed(table.walk([value])):
@@ -65,4 +63,6 @@ def find_gradient(table: ValueTable, value: int, inputs: Sequence[int]) -> list[
         for ref, inner in zip(args, _find_slopes(table, number, op, args), strict=True):
             change = table.mul(outer, inner if ref > 0 else -inner)
             slopes[abs(ref)] = table.add(slopes.get(abs(ref), zero), change)
-    return [slopes.get(ref, zero) if ref > 0 else -slopes.get(-ref, zero) for ref in inputs]
+    return [
+        zero if table.is_constant(ref) else slopes.get(abs(ref), zero) * (1 if ref > 0 else -1) for ref in inputs
+    ]

@@ -66,6 +66,10 @@ class ValueTable:
             self._constants[number] = abs(value)
         return -number if value < 0 else number
 
+    def is_constant(self, ref: int) -> bool:
+        """Return whether a value is known already."""
+        return abs(ref) in self._constants
+
     def input(self, port: int, element: int) -> int:
         """Return the row-major `element` of input `port`."""
         return self._intern(Op.INPUT, (port, element))

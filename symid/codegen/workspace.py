@@ -8,16 +8,18 @@ Supported: rigid robots, symbolic lengths with a value.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from symid.algebra.exact import find_symbols
 from symid.codegen.functions import FunctionSpec
 from symid.codegen.value_algebra import ValueAlgebra, build_value_state
 from symid.codegen.values import ValueTable
 from symid.dynamics.base import BaseParameters, Label
 from symid.dynamics.kinematics import Recursion, build_recursion
+from symid.errors import Notice, RobotError
 from symid.robot.description import Robot
 
-__all__ = ["Workspace", "build_workspace"]
+__all__ = ["Workspace", "build_workspace", "check_symbols"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,6 +45,26 @@ class Workspace:
     def zeros(self) -> tuple[int, ...]:
         """Return one zero per joint."""
         return (self.recursion.algebra.zero,) * self.robot.size
+
+    def move(self, velocity: tuple[int, ...]) -> "Workspace":
+        """Return the same workspace at other velocities."""
+        state = replace(self.recursion.state, velocity=velocity)
+        recursion = build_recursion(self.robot, self.recursion.algebra, state)
+        return replace(self, inputs={**self.inputs, "dq": velocity}, recursion=recursion)
+
+
+def check_symbols(robot: Robot) -> None:
+    """Check that all symbolic lengths have a value.
+
+    Raises:
+        RobotError: one has none.
+    """
+    missing = [name for name in find_symbols(robot) if name not in dict(robot.symbols)]
+    if missing:
+        text = (
+            f"code needs a value for the symbolic length {', '.join(missing)}: add it under [symbols], in m"
+        )
+        raise RobotError(Notice(code="robot.symbol-without-value", text=text, file=robot.path))
 
 
 def build_workspace(robot: Robot, base: BaseParameters, spec: FunctionSpec) -> Workspace:
