@@ -80,18 +80,27 @@ _PLACES: Mapping[str, Place | None] = {
     "axis projection": meet_in_link,
     "axis projection, last links one joint down": meet_before_leaves,
 }
+
+
+def _shift(build: Build) -> Build:
+    """Return the route with link origins moved along their joints' axes."""
+    return lambda workspace: build(workspace.shift())
+
+
 _MASS: Routes = {
     "composite bodies": build_mass_matrix,
     "composite bodies, meeting in the second link": build_mass_matrix_at(1),
     "composite bodies, meeting in the third link": build_mass_matrix_at(2),
+    "composite bodies, shifted origins": _shift(build_mass_matrix),
 }
 _TORQUE: Routes = {
     "vector recursion": build_torques_by_vectors,
     "tensor recursion": build_torques_by_tensors,
+    "tensor recursion, shifted origins": _shift(build_torques_by_tensors),
     "regressor times parameters": build_torques_by_regressor,
     "differentiation of the energy": derive_torques,
 }
-_RECURSIONS = ("vector recursion", "tensor recursion")
+_RECURSIONS = ("vector recursion", "tensor recursion", "tensor recursion, shifted origins")
 
 
 def _meet(find: Callable[[Place | None], Build], derived: Build | None = None) -> Routes:

@@ -15,6 +15,7 @@ from symid.codegen.functions import FunctionSpec
 from symid.codegen.value_algebra import ValueAlgebra, build_value_state
 from symid.codegen.values import ValueTable
 from symid.dynamics.base import BaseParameters, Label
+from symid.dynamics.origins import find_shifts, shift_origins, shift_parameters
 from symid.dynamics.kinematics import Recursion, build_recursion
 from symid.errors import Notice, RobotError
 from symid.robot.description import Robot
@@ -51,6 +52,14 @@ class Workspace:
         state = replace(self.recursion.state, velocity=velocity)
         recursion = build_recursion(self.robot, self.recursion.algebra, state)
         return replace(self, inputs={**self.inputs, "dq": velocity}, recursion=recursion)
+
+    def shift(self) -> "Workspace":
+        """Return the same workspace with link origins moved along their joints' axes."""
+        shifts = find_shifts(self.robot)
+        algebra = self.recursion.algebra
+        recursion = build_recursion(shift_origins(self.robot, shifts), algebra, self.recursion.state)
+        parameters = shift_parameters(algebra, self.parameters, shifts)
+        return replace(self, recursion=recursion, parameters=parameters)
 
 
 def check_symbols(robot: Robot) -> None:
