@@ -9,8 +9,8 @@ Supported: everything the recursion supports.
 from collections.abc import Sequence
 
 from symid.codegen.differentiation import find_gradient, find_rates
-from symid.codegen.outputs import Elements, lay_columns, lay_matrix, lay_vector
-from symid.codegen.workspace import Workspace
+from symid.codegen.outputs import lay_columns, lay_matrix, lay_vector
+from symid.codegen.workspace import Elements, Workspace
 from symid.dynamics.base import Label
 from symid.dynamics.energy import find_energy_rows
 from symid.notation import INERTIAL

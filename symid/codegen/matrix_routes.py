@@ -6,17 +6,21 @@ Output: elements of the output ports.
 Supported: everything the recursion supports.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from symid.codegen.differentiation import find_rates
 from symid.codegen.meetings import meet_at_depth
-from symid.codegen.outputs import Elements, lay_matrix, lay_vector
-from symid.codegen.workspace import Workspace
+from symid.codegen.outputs import lay_matrix, lay_vector
+from symid.codegen.workspace import Build, Elements, Workspace
 from symid.dynamics.composite import find_mass_matrix
 
-__all__ = ["Build", "build_derivatives", "build_forward_dynamics", "build_mass_matrix", "build_mass_matrix_at"]
-
-Build = Callable[[Workspace], tuple[Elements, ...]]
+__all__ = [
+    "build_derivatives",
+    "build_forward_dynamics",
+    "build_mass_matrix",
+    "build_mass_matrix_at",
+    "differentiate_torques",
+]
 
 
 def build_mass_matrix(workspace: Workspace) -> tuple[Elements, ...]:
@@ -66,7 +70,7 @@ def build_forward_dynamics(mass: Build, torques: Build) -> Build:
 
     def build(workspace: Workspace) -> tuple[Elements, ...]:
         table, n = workspace.table, workspace.robot.size
-        (entries,), (bias,) = mass(workspace), torques(workspace)
+        (entries,), (bias,) = workspace.recall(mass), workspace.recall(torques)
         rest = [table.add(tau, -c) for tau, c in zip(workspace.inputs["tau"], bias, strict=True)]
         matrix = [entries[n * row : n * (row + 1)] for row in range(n)]
         return (lay_vector(workspace, _solve(workspace, matrix, rest)),)
@@ -74,17 +78,22 @@ def build_forward_dynamics(mass: Build, torques: Build) -> Build:
     return build
 
 
-def build_derivatives(mass: Build, torques: Build) -> Build:
-    """Return the route that differentiates the torques of another one; dtau/dddq is the mass matrix."""
+def differentiate_torques(torques: Build) -> Build:
+    """Return the route to dtau/dq and dtau/ddq that differentiates the torques of another route."""
 
     def build(workspace: Workspace) -> tuple[Elements, ...]:
         table = workspace.table
-        (values,) = torques(workspace)
+        (values,) = workspace.recall(torques)
         one = table.constant(1.0)
         blocks = []
         for name in ("q", "dq"):
             columns = [find_rates(table, values, {ref: one}) for ref in workspace.inputs[name]]
             blocks.append(lay_matrix(workspace, list(zip(*columns, strict=True))))
-        return (*blocks, *mass(workspace))
+        return tuple(blocks)
 
     return build
+
+
+def build_derivatives(mass: Build, blocks: Build) -> Build:
+    """Return the route that joins dtau/dq and dtau/ddq of one route and the mass matrix of another."""
+    return lambda workspace: (*workspace.recall(blocks), *workspace.recall(mass))

@@ -8,13 +8,10 @@ Every dynamics function passes here, so that what joints share is put together i
 
 from collections.abc import Mapping, Sequence
 
-from symid.codegen.workspace import Workspace
+from symid.codegen.workspace import Elements, Workspace
 from symid.dynamics.base import Label
 
-__all__ = ["Elements", "lay_columns", "lay_matrix", "lay_vector"]
-
-Elements = tuple[int, ...]
-
+__all__ = ["lay_columns", "lay_matrix", "lay_vector"]
 
 def lay_vector(workspace: Workspace, values: Sequence[int]) -> Elements:
     """Return a value per joint as a port of shape (n,)."""

@@ -5,8 +5,8 @@ Input: a workspace. Output: elements of the output ports.
 Supported: everything the recursion and the friction models support.
 """
 
-from symid.codegen.outputs import Elements, lay_vector
-from symid.codegen.workspace import Workspace
+from symid.codegen.outputs import lay_vector
+from symid.codegen.workspace import Elements, Workspace
 from symid.dynamics.kinematics import find_jacobian, find_poses
 from symid.joint.friction import FRICTION_MODELS
 

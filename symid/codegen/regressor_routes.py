@@ -7,9 +7,8 @@ Supported: everything the recursion supports.
 
 from collections.abc import Callable
 
-from symid.codegen.matrix_routes import Build
-from symid.codegen.outputs import Elements, lay_columns
-from symid.codegen.workspace import Workspace
+from symid.codegen.outputs import lay_columns
+from symid.codegen.workspace import Build, Elements, Workspace
 from symid.dynamics.regressors import (
     Columns,
     find_lagrange_columns,

@@ -22,11 +22,11 @@ from symid.codegen.energy_routes import (
 from symid.codegen.functions import FunctionSpec
 from symid.codegen.instructions import Operations, Program
 from symid.codegen.matrix_routes import (
-    Build,
     build_derivatives,
     build_forward_dynamics,
     build_mass_matrix,
     build_mass_matrix_at,
+    differentiate_torques,
 )
 from symid.codegen.meetings import meet_before_leaves, meet_in_link
 from symid.codegen.plain_routes import (
@@ -48,7 +48,7 @@ from symid.codegen.torque_routes import (
     build_torques_by_tensors,
     build_torques_by_vectors,
 )
-from symid.codegen.workspace import build_workspace, check_symbols
+from symid.codegen.workspace import Build, build_workspace, check_symbols
 from symid.dynamics.base import BaseParameters, find_base_parameters
 from symid.robot.description import Robot
 
@@ -93,14 +93,16 @@ _MASS: Routes = {
     "composite bodies, meeting in the third link": build_mass_matrix_at(2),
     "composite bodies, shifted origins": _shift(build_mass_matrix),
 }
-_TORQUE: Routes = {
+_RECURSIONS: Routes = {
     "vector recursion": build_torques_by_vectors,
     "tensor recursion": build_torques_by_tensors,
     "tensor recursion, shifted origins": _shift(build_torques_by_tensors),
+}
+_TORQUE: Routes = {
+    **_RECURSIONS,
     "regressor times parameters": build_torques_by_regressor,
     "differentiation of the energy": derive_torques,
 }
-_RECURSIONS = ("vector recursion", "tensor recursion", "tensor recursion, shifted origins")
 
 
 def _meet(find: Callable[[Place | None], Build], derived: Build | None = None) -> Routes:
@@ -108,13 +110,12 @@ def _meet(find: Callable[[Place | None], Build], derived: Build | None = None) -
     return routes if derived is None else {**routes, "differentiation of the energy": derived}
 
 
-def _combine(build: Callable[[Build, Build], Build]) -> Routes:
-    """Return the routes that take a mass matrix and torques from other routes."""
-    return {
-        f"{mass}; {torque}": build(_MASS[mass], _TORQUE[torque]) for mass in _MASS for torque in _RECURSIONS
-    }
+def _combine(build: Callable[[Build, Build], Build], parts: Routes) -> Routes:
+    """Return the routes that take a mass matrix and `parts` from other routes."""
+    return {f"{mass}; {part}": build(_MASS[mass], parts[part]) for mass in _MASS for part in parts}
 
 
+_SLOPES: Routes = {name: differentiate_torques(build) for name, build in _RECURSIONS.items()}
 ROUTES: Mapping[str, Routes] = {
     "forward_kinematics": {"chain of frames": build_forward_kinematics},
     "jacobian": {"axes in the base frame": build_jacobian},
@@ -123,8 +124,8 @@ ROUTES: Mapping[str, Routes] = {
     "gravity": _TORQUE,
     "bias": _TORQUE,
     "inverse_dynamics": _TORQUE,
-    "forward_dynamics": _combine(build_forward_dynamics),
-    "inverse_dynamics_derivatives": _combine(build_derivatives),
+    "forward_dynamics": _combine(build_forward_dynamics, _RECURSIONS),
+    "inverse_dynamics_derivatives": _combine(build_derivatives, _SLOPES),
     "energy": {"regressor times parameters": build_energy},
     "energy_regressor": {"recursion": build_energy_rows},
     "momentum_regressor": _meet(build_momentum_columns, derive_momentum_columns),
@@ -141,7 +142,7 @@ def choose_route(robot: Robot, base: BaseParameters, spec: FunctionSpec) -> Choi
     """Return the route to `spec` with the fewest products and sums, and the counts of all its routes."""
     workspace = build_workspace(robot, base, spec)
     table = workspace.table
-    built = {name: build(workspace) for name, build in ROUTES[spec.name].items()}
+    built = {name: workspace.recall(build) for name, build in ROUTES[spec.name].items()}
     counts = {name: table.count(ref for port in ports for ref in port) for name, ports in built.items()}
     chosen = min(counts, key=lambda name: counts[name].mul + counts[name].add)
     instructions, outputs = table.collect(built[chosen])

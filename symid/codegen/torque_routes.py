@@ -8,8 +8,8 @@ Supported: everything the recursion supports.
 from dataclasses import replace
 
 from symid.codegen.meetings import meet_in_link
-from symid.codegen.outputs import Elements, lay_matrix, lay_vector
-from symid.codegen.workspace import Workspace
+from symid.codegen.outputs import lay_matrix, lay_vector
+from symid.codegen.workspace import Elements, Workspace
 from symid.dynamics.newton_euler import find_inverse_dynamics, find_slotine_li_torques
 from symid.dynamics.regressors import find_torque_columns
 from symid.dynamics.tensor_forms import find_tensor_torques

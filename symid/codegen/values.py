@@ -3,8 +3,9 @@
 Input: operations on references, in any order. Output: the instructions that the outputs need, or how
 many of each kind they need.
 
-Supported: merging of equal operations, folding of constants, 0, 1, -1 and 2, free negation.
-Not supported: rules that change rounding beyond the sign, such as reassociation.
+Supported: merging of equal operations, folding of constants, 0, 1, -1 and 2, free negation, (a - b) + b = a,
+constant factors put together. These are the rules CasADi has, so that a program read back from it is the same.
+Not supported: rules that put sums together in another way.
 """
 
 import math
@@ -74,6 +75,34 @@ class ValueTable:
         """Return the row-major `element` of input `port`."""
         return self._intern(Op.INPUT, (port, element))
 
+    def _find_rest(self, whole: int, part: int) -> int:
+        """Return what remains of the sum `whole` when `part` takes one of its terms away, 0 if it does not."""
+        number = abs(whole)
+        op = self._ops[number - 1]
+        if op is not Op.ADD and op is not Op.SUB:
+            return 0
+        first, second = self._args[number - 1]
+        if op is Op.SUB:
+            second = -second
+        if whole < 0:
+            first, second = -first, -second
+        if first == -part:
+            return second
+        return first if second == -part else 0
+
+    def _split_constant(self, ref: int) -> tuple[float, int] | None:
+        """Return c and x where `ref` is the product of a constant c and x, None if it is not."""
+        op = self._ops[abs(ref) - 1]
+        if op is not Op.MUL and op is not Op.ADD:
+            return None
+        low, high = self._args[abs(ref) - 1]
+        if op is Op.ADD:
+            return (2.0, low if ref > 0 else -low) if low == high else None
+        for factor, other in ((low, high), (high, low)):
+            if factor in self._constants:
+                return self._constants[factor], other if ref > 0 else -other
+        return None
+
     def add(self, left: int, right: int) -> int:
         """Return left + right."""
         if left in (_ZERO, -_ZERO):
@@ -85,6 +114,12 @@ class ValueTable:
         a, b = self._find_constant(left), self._find_constant(right)
         if a is not None and b is not None:
             return self.constant(a + b)
+        for whole, part in ((left, right), (right, left)):
+            rest = self._find_rest(whole, part)
+            if rest:
+                return rest
+        if left == right and (split := self._split_constant(left)):
+            return self.mul(self.constant(2.0 * split[0]), split[1])
         if (left > 0) == (right > 0):
             low, high = abs(left), abs(right)
             pair = (low, high) if low <= high else (high, low)
@@ -110,6 +145,8 @@ class ValueTable:
         if a is not None and abs(left) <= _TWO:
             signed = right if left > 0 else -right
             return (_ZERO, signed, self.add(signed, signed))[abs(left) - 1]
+        if a is not None and (split := self._split_constant(right)):
+            return self.mul(self.constant(a * split[0]), split[1])
         low, high = abs(left), abs(right)
         pair = (low, high) if low <= high else (high, low)
         number = self._products.get(pair)
@@ -122,6 +159,8 @@ class ValueTable:
         a, b = self._find_constant(left), self._find_constant(right)
         if a is not None and b:
             return self.constant(a / b)
+        if a == 0.0:
+            return _ZERO
         if b is not None and _is_power_of_two(b):
             return self.mul(left, self.constant(1.0 / b))
         number = self._intern(Op.DIV, (abs(left), abs(right)))

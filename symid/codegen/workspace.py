@@ -7,8 +7,8 @@ A coordinate that is not an input of the function is zero: gravity is inverse dy
 Supported: rigid robots, symbolic lengths with a value.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 
 from symid.algebra.exact import find_symbols
 from symid.codegen.functions import FunctionSpec
@@ -20,7 +20,12 @@ from symid.dynamics.kinematics import Recursion, build_recursion
 from symid.errors import Notice, RobotError
 from symid.robot.description import Robot
 
-__all__ = ["Workspace", "build_workspace", "check_symbols"]
+__all__ = ["Build", "Elements", "Workspace", "build_workspace", "check_symbols"]
+
+Elements = tuple[int, ...]
+"""The references of one output port in row-major order."""
+Build = Callable[["Workspace"], tuple[Elements, ...]]
+"""A route: what it makes of a workspace are the elements of all output ports."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,6 +41,13 @@ class Workspace:
     inputs: Mapping[str, tuple[int, ...]]
     recursion: Recursion[int]
     parameters: Mapping[Label, int]
+    built: dict[Build, tuple[Elements, ...]] = field(default_factory=dict)
+
+    def recall(self, build: Build) -> tuple[Elements, ...]:
+        """Return what `build` makes in this workspace; it is made once."""
+        if build not in self.built:
+            self.built[build] = build(self)
+        return self.built[build]
 
     @property
     def robot(self) -> Robot:
@@ -51,7 +63,7 @@ class Workspace:
         """Return the same workspace at other velocities."""
         state = replace(self.recursion.state, velocity=velocity)
         recursion = build_recursion(self.robot, self.recursion.algebra, state)
-        return replace(self, inputs={**self.inputs, "dq": velocity}, recursion=recursion)
+        return replace(self, inputs={**self.inputs, "dq": velocity}, recursion=recursion, built={})
 
     def shift(self) -> "Workspace":
         """Return the same workspace with link origins moved along their joints' axes."""
@@ -59,7 +71,7 @@ class Workspace:
         algebra = self.recursion.algebra
         recursion = build_recursion(shift_origins(self.robot, shifts), algebra, self.recursion.state)
         parameters = shift_parameters(algebra, self.parameters, shifts)
-        return replace(self, recursion=recursion, parameters=parameters)
+        return replace(self, recursion=recursion, parameters=parameters, built={})
 
 
 def check_symbols(robot: Robot) -> None:
