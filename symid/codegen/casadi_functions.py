@@ -16,8 +16,8 @@ import casadi as ca
 from symid.codegen.catalogue import find_specs
 from symid.codegen.functions import ModelCard
 from symid.codegen.model_card import build_model_card
-from symid.codegen.sx_functions import build_function
 from symid.codegen.routes import choose_route
+from symid.codegen.sx_functions import build_function
 from symid.codegen.workspace import check_symbols
 from symid.dynamics.base import find_base_parameters
 from symid.errors import Notice, UsageError

@@ -2,7 +2,8 @@
 
 Input: references to values and to what they are derived by. Output: references to the derivatives.
 
-Forward: one pass per direction; backward: one pass per value, all derivatives at once (Griewank and Walther 2008).
+Forward: one pass per direction; backward: one pass per value, all derivatives at once (Griewank and
+Walther 2008).
 
 Supported: sums, products, quotients, sine and cosine.
 Not supported: other operations on the way; they are refused by name.
@@ -64,5 +65,6 @@ def find_gradient(table: ValueTable, value: int, inputs: Sequence[int]) -> list[
             change = table.mul(outer, inner if ref > 0 else -inner)
             slopes[abs(ref)] = table.add(slopes.get(abs(ref), zero), change)
     return [
-        zero if table.is_constant(ref) else slopes.get(abs(ref), zero) * (1 if ref > 0 else -1) for ref in inputs
+        zero if table.is_constant(ref) else slopes.get(abs(ref), zero) * (1 if ref > 0 else -1)
+        for ref in inputs
     ]

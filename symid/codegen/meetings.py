@@ -32,7 +32,8 @@ def meet_before_leaves(robot: Robot) -> Meeting:
     """
     parents = {joint.parent for joint in robot.joints}
     places = [
-        link if link in parents or joint.parent < 0 else joint.parent for link, joint in enumerate(robot.joints)
+        link if link in parents or joint.parent < 0 else joint.parent
+        for link, joint in enumerate(robot.joints)
     ]
     return places.__getitem__
 

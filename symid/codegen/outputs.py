@@ -13,6 +13,7 @@ from symid.dynamics.base import Label
 
 __all__ = ["lay_columns", "lay_matrix", "lay_vector"]
 
+
 def lay_vector(workspace: Workspace, values: Sequence[int]) -> Elements:
     """Return a value per joint as a port of shape (n,)."""
     if len(values) != workspace.robot.size:

@@ -28,7 +28,7 @@ def build_jacobian(workspace: Workspace) -> tuple[Elements, ...]:
 
 def _find_columns(workspace: Workspace) -> list[list[int]]:
     """Return the friction regressor by columns: those of the representatives, each in its joint's row."""
-    algebra = workspace.recursion.algebra
+    algebra = workspace.algebra
     columns = []
     for parameter in workspace.base.friction:
         joint, name = parameter.label
@@ -48,7 +48,7 @@ def build_friction_matrix(workspace: Workspace) -> tuple[Elements, ...]:
 
 def build_friction(workspace: Workspace) -> tuple[Elements, ...]:
     """Return the friction torques."""
-    algebra = workspace.recursion.algebra
+    algebra = workspace.algebra
     torques = list(workspace.zeros)
     for parameter, column in zip(workspace.inputs["f"], _find_columns(workspace), strict=True):
         entries = zip(torques, column, strict=True)

@@ -19,7 +19,12 @@ from symid.dynamics.regressors import (
 from symid.dynamics.wrenches import Meeting
 from symid.robot.description import Robot
 
-__all__ = ["build_lagrange_columns", "build_momentum_columns", "build_slotine_li_columns", "build_torque_columns"]
+__all__ = [
+    "build_lagrange_columns",
+    "build_momentum_columns",
+    "build_slotine_li_columns",
+    "build_torque_columns",
+]
 
 Place = Callable[[Robot], Meeting]
 

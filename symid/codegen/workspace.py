@@ -15,8 +15,8 @@ from symid.codegen.functions import FunctionSpec
 from symid.codegen.value_algebra import ValueAlgebra, build_value_state
 from symid.codegen.values import ValueTable
 from symid.dynamics.base import BaseParameters, Label
-from symid.dynamics.origins import find_shifts, shift_origins, shift_parameters
 from symid.dynamics.kinematics import Recursion, build_recursion
+from symid.dynamics.origins import find_shifts, shift_origins, shift_parameters
 from symid.errors import Notice, RobotError
 from symid.robot.description import Robot
 
@@ -38,6 +38,7 @@ class Workspace:
 
     base: BaseParameters
     table: ValueTable
+    algebra: ValueAlgebra
     inputs: Mapping[str, tuple[int, ...]]
     recursion: Recursion[int]
     parameters: Mapping[Label, int]
@@ -102,6 +103,7 @@ def build_workspace(robot: Robot, base: BaseParameters, spec: FunctionSpec) -> W
     return Workspace(
         base=base,
         table=table,
+        algebra=algebra,
         inputs=inputs,
         recursion=build_recursion(robot, algebra, state),
         parameters=dict(zip(base.keys, inputs["beta"], strict=True)),

@@ -135,6 +135,7 @@ def carry_down(recursion: Recursion[T], wrenches: list[Wrench[T]]) -> list[T]:
 def add_rotors(
     recursion: Recursion[T], torques: list[T], parameters: Parameters[T], acceleration: tuple[T, ...]
 ) -> tuple[T, ...]:
+    """Return the torques with what accelerates the rotors: IA ddq."""
     algebra = recursion.algebra
     return tuple(
         algebra.add(torque, algebra.mul(parameters.get((joint, "IA"), algebra.zero), acceleration[joint]))

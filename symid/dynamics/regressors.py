@@ -133,6 +133,8 @@ def find_lagrange_columns(
     potential = project_columns(recursion, weights, axes, meet)
     none = [algebra.zero] * recursion.robot.size
     return {
-        key: [algebra.add(a, b) for a, b in zip(kinetic.get(key, none), potential.get(key, none), strict=True)]
+        key: [
+            algebra.add(a, b) for a, b in zip(kinetic.get(key, none), potential.get(key, none), strict=True)
+        ]
         for key in keys
     }

@@ -51,9 +51,18 @@ def _find_moment(algebra: Algebra[T], tensor: tuple[tuple[T, T, T], ...], spin: 
     mul, minus, neg = algebra.mul, algebra.sub, algebra.neg
     u, (x, y, z), p, d = spin.tensor, spin.rate, spin.products, spin.differences
     return (
-        total(algebra, [mul(xx, x), neg(mul(xy, u[2][0])), mul(xz, u[1][0]), mul(yz, d[0]), mul(minus(zz, yy), p[0])]),
-        total(algebra, [mul(yy, y), mul(xy, u[2][1]), neg(mul(yz, u[0][1])), mul(xz, d[1]), mul(minus(xx, zz), p[1])]),
-        total(algebra, [mul(zz, z), neg(mul(xz, u[1][2])), mul(yz, u[0][2]), mul(xy, d[2]), mul(minus(yy, xx), p[2])]),
+        total(
+            algebra,
+            [mul(xx, x), neg(mul(xy, u[2][0])), mul(xz, u[1][0]), mul(yz, d[0]), mul(minus(zz, yy), p[0])],
+        ),
+        total(
+            algebra,
+            [mul(yy, y), mul(xy, u[2][1]), neg(mul(yz, u[0][1])), mul(xz, d[1]), mul(minus(xx, zz), p[1])],
+        ),
+        total(
+            algebra,
+            [mul(zz, z), neg(mul(xz, u[1][2])), mul(yz, u[0][2]), mul(xy, d[2]), mul(minus(yy, xx), p[2])],
+        ),
     )
 
 
