@@ -4,7 +4,7 @@ Input: operations on references, in any order. Output: the instructions that the
 many of each kind they need.
 
 Supported: merging of equal operations, folding of constants, 0, 1, -1 and 2, free negation, constant
-factors put together, (a - b) + b = a. These are the rules CasADi has, so that a program read back from it is the same.
+factors put together, (a - b) + b = a. CasADi has these rules too: a program read back from it is the same.
 Not supported: rules that put sums together in another way.
 """
 
