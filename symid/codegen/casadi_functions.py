@@ -16,13 +16,16 @@ import casadi as ca
 
 from symid.algebra.code import CodeAlgebra, build_code_state
 from symid.algebra.exact import find_symbols
+from symid.algebra.scalar import spread_coordinates
 from symid.codegen.catalogue import find_specs
 from symid.codegen.functions import ModelCard
 from symid.codegen.model_card import build_model_card
 from symid.dynamics.base import BaseParameters, Label, find_base_parameters
 from symid.dynamics.composite import find_mass_matrix
+from symid.dynamics.drives import DRIVE, find_drive_energy
 from symid.dynamics.energy import find_energy_rows
-from symid.dynamics.kinematics import Recursion, build_recursion, find_jacobian, find_poses
+from symid.dynamics.folding import fold_matrix, fold_rows, fold_vector
+from symid.dynamics.kinematics import Recursion, build_recursion, find_jacobian, find_link_poses
 from symid.dynamics.newton_euler import find_inverse_dynamics, find_slotine_li_torques
 from symid.dynamics.regressors import (
     Columns,
@@ -32,7 +35,7 @@ from symid.dynamics.regressors import (
     find_torque_columns,
 )
 from symid.errors import Notice, RobotError, UsageError
-from symid.joint.friction import FRICTION_MODELS
+from symid.joint.friction import FRICTION_MODELS, find_friction
 from symid.notation import INERTIAL
 from symid.robot.description import Robot
 from symid.robot.geometry import ZERO
@@ -67,15 +70,23 @@ class _Build:
         """Return one zero per joint."""
         return (self.recursion.algebra.zero,) * self.robot.size
 
+    def fold(self, values: Sequence[ca.SX]) -> ca.SX:
+        """Return a column with an entry a coordinate from values with one a joint."""
+        return _column(fold_vector(self.robot, self.recursion.algebra, values))
+
+    def spread(self, values: Sequence[ca.SX]) -> tuple[ca.SX, ...]:
+        """Return the values of the joints from those of the coordinates."""
+        return spread_coordinates(self.robot, self.recursion.algebra, values)[: self.robot.size]
+
 
 def _start(robot: Robot, base: BaseParameters) -> _Build:
-    n = robot.size
+    n = robot.freedom
     names = ("q", "dq", "ddq", "dqr", "ddqr", "tau")
     symbols = {name: ca.SX.sym(name, n) for name in names}
     symbols["beta"] = ca.SX.sym("beta", base.count)
     symbols["f"] = ca.SX.sym("f", len(base.friction))
     algebra = CodeAlgebra(dict(robot.symbols))
-    state = build_code_state(symbols["q"], symbols["dq"], symbols["ddq"])
+    state = build_code_state(robot, algebra, symbols["q"], symbols["dq"], symbols["ddq"])
     return _Build(
         base=base,
         symbols=symbols,
@@ -94,8 +105,8 @@ def _matrix(rows: Sequence[Sequence[ca.SX]]) -> ca.SX:
 
 def _from_columns(build: _Build, columns: Columns[ca.SX]) -> ca.SX:
     if not columns:
-        return ca.SX.zeros(build.robot.size, 0)
-    return ca.horzcat(*(_column(columns[key]) for key in build.base.keys))
+        return ca.SX.zeros(build.robot.freedom, 0)
+    return ca.horzcat(*(build.fold(columns[key]) for key in build.base.keys))
 
 
 def _inverse_dynamics(build: _Build, *, moving: bool, accelerating: bool) -> ca.SX:
@@ -107,31 +118,32 @@ def _inverse_dynamics(build: _Build, *, moving: bool, accelerating: bool) -> ca.
             acceleration=recursion.state.acceleration if accelerating else build.zeros,
         )
         recursion = build_recursion(recursion.robot, recursion.algebra, still)
-    return _column(find_inverse_dynamics(recursion, build.parameters))
+    return build.fold(find_inverse_dynamics(recursion, build.parameters))
 
 
 def _forward_kinematics(build: _Build) -> tuple[ca.SX, ...]:
-    poses = find_poses(build.recursion)
+    poses = find_link_poses(build.recursion)
     rotations = _matrix([[entry for row in pose.rotation for entry in row] for pose in poses])
     return rotations, _matrix([pose.origin for pose in poses])
 
 
 def _jacobian(build: _Build) -> tuple[ca.SX, ...]:
-    return (_matrix(find_jacobian(build.recursion)),)
+    return (_matrix(fold_rows(build.robot, build.recursion.algebra, find_jacobian(build.recursion))),)
 
 
 def _mass_matrix(build: _Build) -> tuple[ca.SX, ...]:
-    return (_matrix(find_mass_matrix(build.recursion, build.parameters)),)
+    matrix = find_mass_matrix(build.recursion, build.parameters)
+    return (_matrix(fold_matrix(build.robot, build.recursion.algebra, matrix)),)
 
 
 def _coriolis_matrix(build: _Build) -> tuple[ca.SX, ...]:
     """Return C column by column: the Slotine-Li torque for dqr = e_k, ddqr = 0, less gravity."""
-    n, algebra = build.robot.size, build.recursion.algebra
+    n, algebra = build.robot.freedom, build.recursion.algebra
     weightless = replace(build.recursion, robot=replace(build.robot, gravity=(ZERO, ZERO, ZERO)))
     columns = []
     for k in range(n):
-        reference = (tuple(algebra.one if j == k else algebra.zero for j in range(n)), build.zeros)
-        columns.append(_column(find_slotine_li_torques(weightless, reference, build.parameters)))
+        unit = build.spread([algebra.one if j == k else algebra.zero for j in range(n)])
+        columns.append(build.fold(find_slotine_li_torques(weightless, (unit, build.zeros), build.parameters)))
     return (ca.horzcat(*columns),)
 
 
@@ -139,7 +151,7 @@ def _forward_dynamics(build: _Build) -> tuple[ca.SX, ...]:
     """Return ddq from M ddq = tau - c by an LDL' factorisation written out."""
     matrix = _mass_matrix(build)[0]
     rest = build.symbols["tau"] - _inverse_dynamics(build, moving=True, accelerating=False)
-    n = build.robot.size
+    n = build.robot.freedom
     lower = [[ca.SX(0)] * n for _ in range(n)]
     pivots: list[ca.SX] = []
     for i in range(n):
@@ -168,9 +180,10 @@ def _energy_rows(build: _Build) -> tuple[ca.SX, ca.SX]:
     potential: list[ca.SX] = []
     rows = [find_energy_rows(build.recursion.algebra, motion) for motion in build.recursion.motions]
     for link, name in build.base.keys:
-        if name == "IA":
-            kinetic.append(0.5 * build.recursion.state.velocity[link] ** 2)
-            potential.append(build.recursion.algebra.zero)
+        if name in DRIVE:
+            drive = find_drive_energy(build.recursion, (link, name))
+            kinetic.append(drive[0])
+            potential.append(drive[1])
         else:
             kinetic.append(rows[link].kinetic[INERTIAL.index(name)])
             potential.append(rows[link].potential[INERTIAL.index(name)])
@@ -198,24 +211,27 @@ def _torque(build: _Build) -> tuple[ca.SX, ...]:
 
 
 def _slotine_li(build: _Build) -> tuple[ca.SX, ...]:
-    joints = range(build.robot.size)
+    coordinates = range(build.robot.freedom)
     reference = (
-        tuple(build.symbols["dqr"][k] for k in joints),
-        tuple(build.symbols["ddqr"][k] for k in joints),
+        build.spread([build.symbols["dqr"][k] for k in coordinates]),
+        build.spread([build.symbols["ddqr"][k] for k in coordinates]),
     )
     columns = find_slotine_li_columns(build.recursion, reference, build.base.keys)
     return (_from_columns(build, columns),)
 
 
 def _friction_matrix(build: _Build) -> ca.SX:
-    """Return the friction regressor: columns of the representatives, each in its joint's row."""
-    algebra = CodeAlgebra()
-    matrix = ca.SX.zeros(build.robot.size, len(build.base.friction))
+    """Return the friction regressor: columns of the representatives, felt where their drive turns."""
+    robot, algebra = build.robot, CodeAlgebra()
+    velocities = [build.symbols["dq"][k] for k in range(robot.freedom)]
+    speeds = spread_coordinates(robot, algebra, velocities)
+    matrix = ca.SX.zeros(robot.freedom, len(build.base.friction))
     for k, parameter in enumerate(build.base.friction):
-        joint, name = parameter.label
-        model = FRICTION_MODELS[build.robot.joints[joint].friction.kind]
-        columns = model.columns(algebra, build.symbols["dq"][joint])
-        matrix[joint, k] = columns[model.parameters.index(name)]
+        index, name = parameter.label
+        model = FRICTION_MODELS[find_friction(robot, index).kind]
+        entry = model.columns(algebra, speeds[index])[model.parameters.index(name)]
+        for position, factor in robot.transmission[index]:
+            matrix[position, k] = float(factor) * entry
     return ca.densify(matrix)
 
 
@@ -262,7 +278,7 @@ def build_functions(robot: Robot, *, names: tuple[str, ...] | None = None) -> Fu
     """
     _check_symbols(robot)
     base = find_base_parameters(robot)
-    catalogue = find_specs(robot.size, base.count, len(base.friction))
+    catalogue = find_specs(robot.freedom, base.count, len(base.friction))
     known = [spec.name for spec in catalogue]
     for name in names or ():
         if name not in known:

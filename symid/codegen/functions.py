@@ -153,7 +153,20 @@ def find_model_signature(robot: Robot, parameters: Sequence[tuple[str, str]]) ->
         parameters: name and expression of every base and friction parameter, in order.
     """
     joints = tuple(
-        (joint.name, joint.kind, joint.parent, joint.placement, joint.drive.has_rotor, joint.friction.kind)
+        (
+            (
+                joint.name,
+                joint.kind,
+                joint.parent,
+                joint.placement,
+                joint.drive.has_rotor,
+                joint.friction.kind,
+            ),
+            (joint.mimic, joint.spring is not None),
+        )
         for joint in robot.joints
     )
-    return find_signature(robot.name, joints, robot.gravity, robot.symbols, tuple(parameters))
+    couplings = tuple(
+        (entry.name, entry.terms, entry.has_rotor, entry.friction.kind) for entry in robot.couplings
+    )
+    return find_signature(robot.name, joints, couplings, robot.gravity, robot.symbols, tuple(parameters))

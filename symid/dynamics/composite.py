@@ -10,6 +10,7 @@ from collections.abc import Mapping
 
 from symid.algebra.scalar import Algebra, T
 from symid.algebra.vectors import Matrix, Vector, add, dot, multiply_matrices, scale, transpose
+from symid.dynamics.drives import add_drive_inertia
 from symid.dynamics.kinematics import Frame, Recursion, find_turn, lift_vector
 from symid.dynamics.wrenches import Wrench, lift_wrench, project_on_axis
 
@@ -71,7 +72,7 @@ def _add_bodies(algebra: Algebra[T], left: Body[T], right: Body[T]) -> Body[T]:
 
 
 def find_mass_matrix(recursion: Recursion[T], parameters: Parameters[T]) -> tuple[tuple[T, ...], ...]:
-    """Return the mass matrix, rotor inertias on its diagonal (composite bodies, Walker and Orin 1982)."""
+    """Return the mass matrix, rotor inertias included (composite bodies, Walker and Orin 1982)."""
     robot, algebra, frames = recursion.robot, recursion.algebra, recursion.frames
     zero = algebra.zero
     matrix = [[zero] * robot.size for _ in range(robot.size)]
@@ -84,8 +85,7 @@ def find_mass_matrix(recursion: Recursion[T], parameters: Parameters[T]) -> tupl
             )
         else:
             wrench = Wrench(force=(zero, zero, mass), moment=(my, algebra.neg(mx), zero))
-        rotor = parameters.get((joint, "IA"), zero)
-        matrix[joint][joint] = algebra.add(project_on_axis(frames[joint], wrench), rotor)
+        matrix[joint][joint] = project_on_axis(frames[joint], wrench)
         parent, child = robot.joints[joint].parent, joint
         if parent >= 0:
             bodies[parent] = _add_bodies(
@@ -96,4 +96,4 @@ def find_mass_matrix(recursion: Recursion[T], parameters: Parameters[T]) -> tupl
             entry = project_on_axis(frames[parent], wrench)
             matrix[joint][parent] = matrix[parent][joint] = entry
             parent, child = robot.joints[parent].parent, parent
-    return tuple(tuple(row) for row in matrix)
+    return add_drive_inertia(recursion, matrix, parameters)

@@ -6,13 +6,14 @@ of them a column of n entries.
 A wrench per unit parameter is carried from its link down to the base; at every joint on the
 way it is projected on the joint's axis (or, for dL/dq, on the axis's change of motion).
 
-Supported: the ten standard parameters of each link and IA, the reflected rotor inertia.
+Supported: the ten standard parameters of each link, rotor inertias and springs.
 """
 
 from collections.abc import Callable, Sequence
 
 from symid.algebra.scalar import T
 from symid.algebra.vectors import Vector, cross, dot
+from symid.dynamics.drives import DRIVE, find_drive_column
 from symid.dynamics.kinematics import Recursion, find_motions
 from symid.dynamics.newton_euler import find_accelerations, find_reference_rates
 from symid.dynamics.wrenches import (
@@ -42,17 +43,15 @@ def _collect(
     recursion: Recursion[T],
     keys: Sequence[Key],
     link_wrench: Callable[[int, str], Wrench[T]],
-    rotor: Sequence[T],
+    drive: tuple[Sequence[T], int],
 ) -> Columns[T]:
-    """Return the columns of `keys`: wrenches projected on the axes; `rotor` per unit of IA."""
-    robot, algebra, frames = recursion.robot, recursion.algebra, recursion.frames
-    wrenches = {(link, name): link_wrench(link, name) for link, name in keys if name != "IA"}
+    """Return the columns of `keys`: wrenches projected on the axes; `drive` goes to `find_drive_column`."""
+    frames = recursion.frames
+    wrenches = {(link, name): link_wrench(link, name) for link, name in keys if name not in DRIVE}
     columns = project_columns(
         recursion, wrenches, lambda joint, wrench: project_on_axis(frames[joint], wrench)
     )
-    for joint, name in keys:
-        if name == "IA":
-            columns[joint, name] = [rotor[k] if k == joint else algebra.zero for k in range(robot.size)]
+    columns |= {key: find_drive_column(recursion, key, *drive) for key in keys if key[1] in DRIVE}
     return {key: columns[key] for key in keys}
 
 
@@ -64,7 +63,7 @@ def find_torque_columns(recursion: Recursion[T], keys: Sequence[Key]) -> Columns
         recursion,
         keys,
         lambda link, name: find_inertial_wrench(algebra, name, motions[link].angular, accelerations[link]),
-        recursion.state.acceleration,
+        (recursion.state.acceleration, 1),
     )
 
 
@@ -88,7 +87,7 @@ def find_slotine_li_columns(
         lambda link, name: find_slotine_li_wrench(
             algebra, name, motions[link], references[link], rates[link]
         ),
-        acceleration,
+        (acceleration, 1),
     )
 
 
@@ -98,7 +97,7 @@ def find_momentum_columns(recursion: Recursion[T], keys: Sequence[Key]) -> Colum
         recursion,
         keys,
         lambda link, name: find_momentum(recursion.algebra, name, recursion.motions[link]),
-        recursion.state.velocity,
+        (recursion.state.velocity, 0),
     )
 
 
@@ -108,8 +107,7 @@ def find_lagrange_columns(recursion: Recursion[T], keys: Sequence[Key]) -> Colum
     dT/dq_k is the momentum beyond joint k times v_k x z_k, the change of the link's velocity by
     its joint's coordinate; -dV/dq_k the weight beyond joint k projected on its axis.
     """
-    robot, algebra, frames = recursion.robot, recursion.algebra, recursion.frames
-    motions = recursion.motions
+    algebra, frames, motions = recursion.algebra, recursion.frames, recursion.motions
     zero = algebra.zero
     axis: Vector[T] = (zero, zero, algebra.one)
 
@@ -120,7 +118,7 @@ def find_lagrange_columns(recursion: Recursion[T], keys: Sequence[Key]) -> Colum
         moved = cross(algebra, motions[joint].linear, axis)
         return algebra.add(dot(algebra, wrench.moment, turned), dot(algebra, wrench.force, moved))
 
-    links = [key for key in keys if key[1] != "IA"]
+    links = [key for key in keys if key[1] not in DRIVE]
     momenta = {(link, name): find_momentum(algebra, name, motions[link]) for link, name in links}
     weights = {(link, name): find_gravity_wrench(algebra, name, motions[link]) for link, name in links}
     kinetic = project_columns(recursion, momenta, project)
@@ -129,8 +127,8 @@ def find_lagrange_columns(recursion: Recursion[T], keys: Sequence[Key]) -> Colum
     )
     columns: Columns[T] = {}
     for key in keys:
-        if key[1] == "IA":
-            columns[key] = [zero] * robot.size
+        if key[1] in DRIVE:
+            columns[key] = find_drive_column(recursion, key, None, -1)
         else:
             columns[key] = [algebra.add(a, b) for a, b in zip(kinetic[key], potential[key], strict=True)]
     return columns
