@@ -14,7 +14,16 @@ from enum import Enum
 
 from symid.codegen.functions import FunctionSpec
 
-__all__ = ["Instruction", "Op", "Operations", "Program", "count_operations"]
+__all__ = [
+    "ELEMENTARY",
+    "PRODUCTS",
+    "SUMS",
+    "Instruction",
+    "Op",
+    "Operations",
+    "Program",
+    "count_operations",
+]
 
 
 class Op(Enum):
@@ -40,9 +49,9 @@ class Op(Enum):
     SELECT = "select"
 
 
-_PRODUCTS = frozenset({Op.MUL, Op.DIV})
-_SUMS = frozenset({Op.ADD, Op.SUB})
-_ELEMENTARY = frozenset({Op.SIN, Op.COS, Op.TAN, Op.SQRT, Op.EXP, Op.TANH})
+PRODUCTS = frozenset({Op.MUL, Op.DIV})
+SUMS = frozenset({Op.ADD, Op.SUB})
+ELEMENTARY = frozenset({Op.SIN, Op.COS, Op.TAN, Op.SQRT, Op.EXP, Op.TANH})
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +95,7 @@ def count_operations(program: Program) -> Operations:
     """
     ops = [instruction.op for instruction in program.instructions]
     return Operations(
-        mul=sum(op in _PRODUCTS for op in ops),
-        add=sum(op in _SUMS for op in ops),
-        trig=sum(op in _ELEMENTARY for op in ops),
+        mul=sum(op in PRODUCTS for op in ops),
+        add=sum(op in SUMS for op in ops),
+        trig=sum(op in ELEMENTARY for op in ops),
     )

@@ -1,20 +1,26 @@
 """A table of values in which equal expressions are one entry.
 
-Input: operations on references, in any order. Output: the instructions that the outputs need.
+Input: operations on references, in any order. Output: the instructions that the outputs need, or how
+many of each kind they need.
 
-Supported: merging of equal operations, folding of constants, 0, 1, -1 and 2, free negation.
-Not supported: rules that change rounding beyond the sign, such as reassociation.
+Supported: merging of equal operations, folding of constants, 0, 1, -1 and 2, free negation, (a - b) + b = a,
+constant factors put together. These are the rules CasADi has, so that a program read back from it is the same.
+Not supported: rules that put sums together in another way.
 """
 
 import math
 from collections.abc import Iterable
 
-from symid.codegen.instructions import Instruction, Op
+from symid.codegen.instructions import ELEMENTARY, PRODUCTS, SUMS, Instruction, Op, Operations
 
 __all__ = ["ValueTable"]
 
 _ODD = frozenset({Op.SIN, Op.TAN, Op.TANH, Op.SIGN})
 _EVEN = frozenset({Op.COS, Op.ABS, Op.IS_ZERO})
+# The first entries of every table.
+_ZERO, _ONE, _TWO = 1, 2, 3
+
+Pairs = dict[tuple[int, int], int]
 
 
 def _is_power_of_two(value: float) -> bool:
@@ -25,50 +31,108 @@ class ValueTable:
     """Hash-consed instructions. Methods take and return references (see `instructions`)."""
 
     def __init__(self) -> None:
-        self._instructions: list[Instruction] = []
-        self._numbers: dict[Instruction, int] = {}
+        self._ops: list[Op] = []
+        self._args: list[tuple[int, ...]] = []
+        self._constants: dict[int, float] = {}
+        self._sums: Pairs = {}
+        self._differences: Pairs = {}
+        self._products: Pairs = {}
+        self._others: dict[tuple[str, tuple[int, ...]], int] = {}
+        self._literals: dict[float, int] = {}
+        for value in (0.0, 1.0, 2.0):
+            self.constant(value)
 
-    def _intern(self, op: Op, args: tuple[int, ...] = (), constant: float = 0.0) -> int:
-        instruction = Instruction(op, args, constant)
-        number = self._numbers.get(instruction)
+    def _append(self, op: Op, args: tuple[int, ...]) -> int:
+        self._ops.append(op)
+        self._args.append(args)
+        return len(self._ops)
+
+    def _intern(self, op: Op, args: tuple[int, ...]) -> int:
+        # An enumeration's own hash is slow.
+        key = (op.value, args)
+        number = self._others.get(key)
         if number is None:
-            self._instructions.append(instruction)
-            number = len(self._instructions)
-            self._numbers[instruction] = number
+            number = self._others[key] = self._append(op, args)
         return number
 
     def _find_constant(self, ref: int) -> float | None:
-        instruction = self._instructions[abs(ref) - 1]
-        if instruction.op is not Op.CONSTANT:
-            return None
-        return instruction.constant if ref > 0 else -instruction.constant
+        value = self._constants.get(abs(ref))
+        return value if value is None or ref > 0 else -value
 
     def constant(self, value: float) -> int:
         """Return the constant `value`; its sign stands in the reference."""
-        number = self._intern(Op.CONSTANT, (), abs(value))
+        number = self._literals.get(abs(value))
+        if number is None:
+            number = self._literals[abs(value)] = self._append(Op.CONSTANT, ())
+            self._constants[number] = abs(value)
         return -number if value < 0 else number
+
+    def is_constant(self, ref: int) -> bool:
+        """Return whether a value is known already."""
+        return abs(ref) in self._constants
 
     def input(self, port: int, element: int) -> int:
         """Return the row-major `element` of input `port`."""
         return self._intern(Op.INPUT, (port, element))
 
+    def _find_rest(self, whole: int, part: int) -> int:
+        """Return what remains of the sum `whole` when `part` takes one of its terms away, 0 if it does not."""
+        number = abs(whole)
+        op = self._ops[number - 1]
+        if op is not Op.ADD and op is not Op.SUB:
+            return 0
+        first, second = self._args[number - 1]
+        if op is Op.SUB:
+            second = -second
+        if whole < 0:
+            first, second = -first, -second
+        if first == -part:
+            return second
+        return first if second == -part else 0
+
+    def _split_constant(self, ref: int) -> tuple[float, int] | None:
+        """Return c and x where `ref` is the product of a constant c and x, None if it is not."""
+        op = self._ops[abs(ref) - 1]
+        if op is not Op.MUL and op is not Op.ADD:
+            return None
+        low, high = self._args[abs(ref) - 1]
+        if op is Op.ADD:
+            return (2.0, low if ref > 0 else -low) if low == high else None
+        for factor, other in ((low, high), (high, low)):
+            if factor in self._constants:
+                return self._constants[factor], other if ref > 0 else -other
+        return None
+
     def add(self, left: int, right: int) -> int:
         """Return left + right."""
+        if left in (_ZERO, -_ZERO):
+            return right
+        if right in (_ZERO, -_ZERO):
+            return left
+        if left == -right:
+            return _ZERO
         a, b = self._find_constant(left), self._find_constant(right)
         if a is not None and b is not None:
             return self.constant(a + b)
-        if a == 0.0:
-            return right
-        if b == 0.0:
-            return left
-        if left == -right:
-            return self.constant(0.0)
+        for whole, part in ((left, right), (right, left)):
+            rest = self._find_rest(whole, part)
+            if rest:
+                return rest
+        if left == right and (split := self._split_constant(left)):
+            return self.mul(self.constant(2.0 * split[0]), split[1])
         if (left > 0) == (right > 0):
-            number = self._intern(Op.ADD, tuple(sorted((abs(left), abs(right)))))
+            low, high = abs(left), abs(right)
+            pair = (low, high) if low <= high else (high, low)
+            number = self._sums.get(pair)
+            if number is None:
+                number = self._sums[pair] = self._append(Op.ADD, pair)
             return number if left > 0 else -number
         plus, minus = (left, -right) if left > 0 else (right, -left)
         # x - y and y - x are the same instruction.
-        number = self._intern(Op.SUB, tuple(sorted((plus, minus))))
+        pair = (plus, minus) if plus < minus else (minus, plus)
+        number = self._differences.get(pair)
+        if number is None:
+            number = self._differences[pair] = self._append(Op.SUB, pair)
         return number if plus < minus else -number
 
     def mul(self, left: int, right: int) -> int:
@@ -78,10 +142,16 @@ class ValueTable:
             return self.constant(a * b)
         if b is not None:
             left, right, a = right, left, b
-        if a is not None and abs(a) in (0.0, 1.0, 2.0):
-            signed = right if a > 0 else -right
-            return {0.0: self.constant(0.0), 1.0: signed, 2.0: self.add(signed, signed)}[abs(a)]
-        number = self._intern(Op.MUL, tuple(sorted((abs(left), abs(right)))))
+        if a is not None and abs(left) <= _TWO:
+            signed = right if left > 0 else -right
+            return (_ZERO, signed, self.add(signed, signed))[abs(left) - 1]
+        if a is not None and (split := self._split_constant(right)):
+            return self.mul(self.constant(a * split[0]), split[1])
+        low, high = abs(left), abs(right)
+        pair = (low, high) if low <= high else (high, low)
+        number = self._products.get(pair)
+        if number is None:
+            number = self._products[pair] = self._append(Op.MUL, pair)
         return number if (left > 0) == (right > 0) else -number
 
     def div(self, left: int, right: int) -> int:
@@ -89,6 +159,8 @@ class ValueTable:
         a, b = self._find_constant(left), self._find_constant(right)
         if a is not None and b:
             return self.constant(a / b)
+        if a == 0.0:
+            return _ZERO
         if b is not None and _is_power_of_two(b):
             return self.mul(left, self.constant(1.0 / b))
         number = self._intern(Op.DIV, (abs(left), abs(right)))
@@ -103,27 +175,46 @@ class ValueTable:
             return self._intern(op, (abs(args[0]),))
         return self._intern(op, args)
 
+    def _find_needed(self, outputs: Iterable[int]) -> list[int]:
+        """Return the numbers of the instructions that `outputs` need, in order."""
+        needed = [False] * (len(self._ops) + 1)
+        for ref in outputs:
+            needed[abs(ref)] = True
+        for number in range(len(self._ops), 0, -1):
+            if needed[number] and self._ops[number - 1] is not Op.INPUT:
+                for ref in self._args[number - 1]:
+                    needed[abs(ref)] = True
+        return [number for number in range(1, len(self._ops) + 1) if needed[number]]
+
+    def walk(self, outputs: Iterable[int]) -> list[tuple[int, Op, tuple[int, ...]]]:
+        """Return number, operation and arguments of the instructions that `outputs` need, in order."""
+        return [(k, self._ops[k - 1], self._args[k - 1]) for k in self._find_needed(outputs)]
+
+    def count(self, outputs: Iterable[int]) -> Operations:
+        """Return the operations that `outputs` need; see `instructions.count_operations`."""
+        ops = [self._ops[number - 1] for number in self._find_needed(outputs)]
+        return Operations(
+            mul=sum(op in PRODUCTS for op in ops),
+            add=sum(op in SUMS for op in ops),
+            trig=sum(op in ELEMENTARY for op in ops),
+        )
+
     def collect(
         self, outputs: Iterable[Iterable[int]]
     ) -> tuple[tuple[Instruction, ...], tuple[tuple[int, ...], ...]]:
         """Return the instructions that `outputs` need, in order and numbered anew, and the outputs."""
         wanted = [tuple(port) for port in outputs]
-        needed = {abs(ref) for port in wanted for ref in port}
-        for number in range(len(self._instructions), 0, -1):
-            instruction = self._instructions[number - 1]
-            if number in needed and instruction.op is not Op.INPUT:
-                needed.update(map(abs, instruction.args))
-        # Only membership is asked of the set: its order takes no part.
-        kept = [number for number in range(1, len(self._instructions) + 1) if number in needed]
+        kept = self._find_needed(ref for port in wanted for ref in port)
         renumbered = {old: new for new, old in enumerate(kept, start=1)}
 
         def move(ref: int) -> int:
             return renumbered[ref] if ref > 0 else -renumbered[-ref]
 
-        def rewrite(instruction: Instruction) -> Instruction:
-            if instruction.op is Op.INPUT:
-                return instruction
-            return Instruction(instruction.op, tuple(map(move, instruction.args)), instruction.constant)
+        def rewrite(number: int) -> Instruction:
+            op, args = self._ops[number - 1], self._args[number - 1]
+            if op is Op.CONSTANT:
+                return Instruction(op, (), self._constants[number])
+            return Instruction(op, args if op is Op.INPUT else tuple(map(move, args)))
 
-        instructions = tuple(rewrite(self._instructions[number - 1]) for number in kept)
+        instructions = tuple(map(rewrite, kept))
         return instructions, tuple(tuple(map(move, port)) for port in wanted)

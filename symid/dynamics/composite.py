@@ -9,10 +9,11 @@ Parameters are given as {(link, name): value}; one that is not listed is zero an
 from collections.abc import Mapping
 
 from symid.algebra.scalar import Algebra, T
-from symid.algebra.vectors import Matrix, Vector, add, dot, multiply_matrices, scale, transpose
+from symid.algebra.vectors import Matrix, Vector, add, dot, multiply_matrices, scale
 from symid.dynamics.drives import add_drive_inertia
-from symid.dynamics.kinematics import Frame, Recursion, find_turn, lift_vector
-from symid.dynamics.wrenches import Wrench, lift_wrench, project_on_axis
+from symid.dynamics.kinematics import Frame, Recursion, lift_vector
+from symid.dynamics.screws import carry_screws, find_axis_screws
+from symid.dynamics.wrenches import Meeting, Wrench, project_wrench
 
 __all__ = ["Body", "Parameters", "find_mass_matrix", "gather_body", "lift_body"]
 
@@ -32,13 +33,35 @@ def gather_body(algebra: Algebra[T], parameters: Parameters[T], link: int) -> Bo
     return tensor, (take("MX"), take("MY"), take("MZ")), take("M")
 
 
+def _turn_tensor(algebra: Algebra[T], turn: tuple[T, T], tensor: Matrix[T]) -> Matrix[T]:
+    """Return the tensor turned about z by an angle given as (cos, sin).
+
+    With d = XX - YY, g = s d + c XY, h = s XY and e = s g + c h the plane entries become XX - e, YY + e
+    and c g - s h: fewer products than two products of matrices.
+    """
+    c, s = turn
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = tensor
+    plus, minus, mul = algebra.add, algebra.sub, algebra.mul
+    g = plus(mul(s, minus(xx, yy)), mul(c, xy))
+    h = mul(s, xy)
+    e = plus(mul(s, g), mul(c, h))
+    xy = minus(mul(c, g), mul(s, h))
+    xz, yz = minus(mul(c, xz), mul(s, yz)), plus(mul(s, xz), mul(c, yz))
+    return (minus(xx, e), xy, xz), (xy, plus(yy, e), yz), (xz, yz, zz)
+
+
 def _rotate_tensor(algebra: Algebra[T], frame: Frame[T], tensor: Matrix[T]) -> Matrix[T]:
     """Return R I R', turned first by the joint's angle, then by the constant rotation."""
-    half = tensor
-    if frame.turn is not None:
-        turn = find_turn(algebra, frame.turn)
-        half = multiply_matrices(algebra, multiply_matrices(algebra, turn, tensor), transpose(turn))
-    return multiply_matrices(algebra, multiply_matrices(algebra, frame.fixed, half), transpose(frame.fixed))
+    turned = tensor if frame.turn is None else _turn_tensor(algebra, frame.turn, tensor)
+    half = multiply_matrices(algebra, frame.fixed, turned)
+    entries = {(i, j): dot(algebra, half[i], frame.fixed[j]) for i in range(3) for j in range(i, 3)}
+    return _fill(entries)
+
+
+def _fill(entries: Mapping[tuple[int, int], T]) -> Matrix[T]:
+    """Return the symmetric matrix with these entries on and above the diagonal."""
+    xy, xz, yz = entries[0, 1], entries[0, 2], entries[1, 2]
+    return (entries[0, 0], xy, xz), (xy, entries[1, 1], yz), (xz, yz, entries[2, 2])
 
 
 def lift_body(algebra: Algebra[T], frame: Frame[T], body: Body[T]) -> Body[T]:
@@ -47,23 +70,20 @@ def lift_body(algebra: Algebra[T], frame: Frame[T], body: Body[T]) -> Body[T]:
     I_p = R I R' + 2 (t.m) E - t m' - m t' + M (t.t E - t t'),  m = R MS,  t the link's origin.
     """
     tensor, moments, mass = body
+    plus, mul = algebra.add, algebra.mul
     m = lift_vector(algebra, frame, moments)
     t = frame.origin
     turned = _rotate_tensor(algebra, frame, tensor)
-    # With u = m + M t / 2 the shift is 2 (t.u) E - t u' - u t'.
+    # With u = m + M t / 2 the shift is 2 (t.u) E - t u' - u t'; doubled constants cost nothing.
     u = add(algebra, m, scale(algebra, algebra.half(mass), t))
-    trace = dot(algebra, t, u)
-    trace = algebra.add(trace, trace)
-    rows = []
+    doubled = [mul(plus(part, part), other) for part, other in zip(t, u, strict=True)]
+    entries = {}
     for i in range(3):
-        row = []
-        for j in range(3):
-            shift = algebra.add(algebra.mul(t[i], u[j]), algebra.mul(u[i], t[j]))
-            value = algebra.sub(turned[i][j], shift)
-            row.append(algebra.add(value, trace) if i == j else value)
-        rows.append((row[0], row[1], row[2]))
-    lifted = add(algebra, m, scale(algebra, mass, t))
-    return (rows[0], rows[1], rows[2]), lifted, mass
+        entries[i, i] = plus(turned[i][i], plus(doubled[(i + 1) % 3], doubled[(i + 2) % 3]))
+        for j in range(i + 1, 3):
+            shift = plus(mul(t[i], u[j]), mul(u[i], t[j]))
+            entries[i, j] = algebra.sub(turned[i][j], shift)
+    return _fill(entries), add(algebra, m, scale(algebra, mass, t)), mass
 
 
 def _add_bodies(algebra: Algebra[T], left: Body[T], right: Body[T]) -> Body[T]:
@@ -71,10 +91,20 @@ def _add_bodies(algebra: Algebra[T], left: Body[T], right: Body[T]) -> Body[T]:
     return (first, second, third), add(algebra, left[1], right[1]), algebra.add(left[2], right[2])
 
 
-def find_mass_matrix(recursion: Recursion[T], parameters: Parameters[T]) -> tuple[tuple[T, ...], ...]:
-    """Return the mass matrix, rotor inertias included (composite bodies, Walker and Orin 1982)."""
+def find_mass_matrix(
+    recursion: Recursion[T], parameters: Parameters[T], *, meet: Meeting | None = None
+) -> tuple[tuple[T, ...], ...]:
+    """Return the mass matrix, rotor inertias included (composite bodies, Walker and Orin 1982).
+
+    Args:
+        recursion: the robot in its position.
+        parameters: values of the parameters.
+        meet: where the momentum of a composite body, per unit rate of its joint, meets the screws of
+            the joints below.
+    """
     robot, algebra, frames = recursion.robot, recursion.algebra, recursion.frames
     zero = algebra.zero
+    screws = carry_screws(recursion, find_axis_screws(recursion))
     matrix = [[zero] * robot.size for _ in range(robot.size)]
     bodies = [gather_body(algebra, parameters, link) for link in range(robot.size)]
     for joint in reversed(range(robot.size)):
@@ -85,15 +115,11 @@ def find_mass_matrix(recursion: Recursion[T], parameters: Parameters[T]) -> tupl
             )
         else:
             wrench = Wrench(force=(zero, zero, mass), moment=(my, algebra.neg(mx), zero))
-        matrix[joint][joint] = project_on_axis(frames[joint], wrench)
-        parent, child = robot.joints[joint].parent, joint
+        entries = project_wrench(recursion, joint, wrench, screws, meet(joint) if meet else -1)
+        for other in range(joint + 1):
+            matrix[joint][other] = matrix[other][joint] = entries[other]
+        parent = robot.joints[joint].parent
         if parent >= 0:
-            bodies[parent] = _add_bodies(
-                algebra, bodies[parent], lift_body(algebra, frames[joint], bodies[joint])
-            )
-        while parent >= 0:
-            wrench = lift_wrench(algebra, frames[child], wrench)
-            entry = project_on_axis(frames[parent], wrench)
-            matrix[joint][parent] = matrix[parent][joint] = entry
-            parent, child = robot.joints[parent].parent, parent
+            lifted = lift_body(algebra, frames[joint], bodies[joint])
+            bodies[parent] = _add_bodies(algebra, bodies[parent], lifted)
     return add_drive_inertia(recursion, matrix, parameters)

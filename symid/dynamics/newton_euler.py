@@ -23,7 +23,13 @@ from symid.dynamics.wrenches import (
 )
 from symid.robot.description import Robot
 
-__all__ = ["find_accelerations", "find_inverse_dynamics", "find_reference_rates", "find_slotine_li_torques"]
+__all__ = [
+    "carry_down",
+    "find_accelerations",
+    "find_inverse_dynamics",
+    "find_reference_rates",
+    "find_slotine_li_torques",
+]
 
 
 def find_accelerations(recursion: Recursion[T]) -> tuple[Acceleration[T], ...]:
@@ -95,7 +101,10 @@ def _link_wrench(
     angular: Vector[T],
     acceleration: Acceleration[T],
 ) -> Wrench[T]:
-    """Return the wrench that moves a link; see `wrenches.find_inertial_wrench`."""
+    """Return the wrench that moves a link.
+
+    f = M a + dw x MS + w x (w x MS);  n = I dw + w x (I w) + MS x a   (Newton and Euler).
+    """
     tensor, moments, mass = body
     swing = cross(algebra, angular, cross(algebra, angular, moments))
     force = add(
@@ -109,7 +118,7 @@ def _link_wrench(
     )
 
 
-def _carry_down(recursion: Recursion[T], wrenches: list[Wrench[T]]) -> list[T]:
+def carry_down(recursion: Recursion[T], wrenches: list[Wrench[T]]) -> list[T]:
     """Return what every joint carries of the wrenches of its link and all links beyond it."""
     robot, algebra, frames = recursion.robot, recursion.algebra, recursion.frames
     carried = list(wrenches)
@@ -130,7 +139,7 @@ def find_inverse_dynamics(recursion: Recursion[T], parameters: Parameters[T]) ->
         _link_wrench(algebra, gather_body(algebra, parameters, link), motions[link].angular, acceleration)
         for link, acceleration in enumerate(find_accelerations(recursion))
     ]
-    torques = _carry_down(recursion, wrenches)
+    torques = carry_down(recursion, wrenches)
     return add_drive_torques(recursion, torques, parameters, recursion.state.acceleration)
 
 
@@ -169,4 +178,4 @@ def find_slotine_li_torques(
             ),
         )
         wrenches.append(add_wrenches(algebra, push, spin))
-    return add_drive_torques(recursion, _carry_down(recursion, wrenches), parameters, acceleration)
+    return add_drive_torques(recursion, carry_down(recursion, wrenches), parameters, acceleration)

@@ -1,10 +1,11 @@
-"""Regressors by column recursion: momentum, dL/dq, torque, Slotine-Li.
+"""Regressors: momentum, dL/dq, torque, Slotine-Li.
 
 Input: a robot, an algebra, a state, the parameters wanted as (link, name). Output: for each
 of them a column of n entries.
 
-A wrench per unit parameter is carried from its link down to the base; at every joint on the
-way it is projected on the joint's axis (or, for dL/dq, on the axis's change of motion).
+A wrench per unit parameter is carried from its link down the tree, the joints' screws up; the entry of a
+joint is their product. With `meet` None the wrench goes down to every joint (column recursion); where it
+names the link itself, all screws come up to it (axis projection).
 
 Supported: the ten standard parameters of each link, rotor inertias and springs.
 """
@@ -12,18 +13,19 @@ Supported: the ten standard parameters of each link, rotor inertias and springs.
 from collections.abc import Callable, Sequence
 
 from symid.algebra.scalar import T
-from symid.algebra.vectors import Vector, cross, dot
 from symid.dynamics.drives import DRIVE, find_drive_column
 from symid.dynamics.kinematics import Recursion, find_motions
-from symid.dynamics.newton_euler import find_accelerations, find_reference_rates
+from symid.dynamics.newton_euler import find_reference_rates
+from symid.dynamics.screws import carry_screws, find_axis_screws, find_turned_screws
+from symid.dynamics.spins import find_spins
+from symid.dynamics.tensor_forms import find_spin_wrench
 from symid.dynamics.wrenches import (
+    Meeting,
     Wrench,
     find_gravity_wrench,
-    find_inertial_wrench,
     find_momentum,
     find_slotine_li_wrench,
     project_columns,
-    project_on_axis,
 )
 
 __all__ = [
@@ -44,31 +46,36 @@ def _collect(
     keys: Sequence[Key],
     link_wrench: Callable[[int, str], Wrench[T]],
     drive: tuple[Sequence[T], int],
+    meet: Meeting | None,
 ) -> Columns[T]:
     """Return the columns of `keys`: wrenches projected on the axes; `drive` goes to `find_drive_column`."""
-    frames = recursion.frames
     wrenches = {(link, name): link_wrench(link, name) for link, name in keys if name not in DRIVE}
-    columns = project_columns(
-        recursion, wrenches, lambda joint, wrench: project_on_axis(frames[joint], wrench)
-    )
+    screws = carry_screws(recursion, find_axis_screws(recursion))
+    columns = project_columns(recursion, wrenches, screws, meet)
     columns |= {key: find_drive_column(recursion, key, *drive) for key in keys if key[1] in DRIVE}
     return {key: columns[key] for key in keys}
 
 
-def find_torque_columns(recursion: Recursion[T], keys: Sequence[Key]) -> Columns[T]:
+def find_torque_columns(
+    recursion: Recursion[T], keys: Sequence[Key], *, meet: Meeting | None = None
+) -> Columns[T]:
     """Return the torque regressor's columns: tau = Y(q, dq, ddq) pi."""
-    algebra, motions = recursion.algebra, recursion.motions
-    accelerations = find_accelerations(recursion)
+    spins = find_spins(recursion)
     return _collect(
         recursion,
         keys,
-        lambda link, name: find_inertial_wrench(algebra, name, motions[link].angular, accelerations[link]),
+        lambda link, name: find_spin_wrench(recursion.algebra, name, spins[link]),
         (recursion.state.acceleration, 1),
+        meet,
     )
 
 
 def find_slotine_li_columns(
-    recursion: Recursion[T], reference: tuple[tuple[T, ...], tuple[T, ...]], keys: Sequence[Key]
+    recursion: Recursion[T],
+    reference: tuple[tuple[T, ...], tuple[T, ...]],
+    keys: Sequence[Key],
+    *,
+    meet: Meeting | None = None,
 ) -> Columns[T]:
     """Return the columns of M ddqr + C dqr + g (Slotine and Li 1987).
 
@@ -76,6 +83,7 @@ def find_slotine_li_columns(
         recursion: the robot in its state (q, dq).
         reference: dqr and ddqr, rad/s and rad/s^2.
         keys: the parameters wanted.
+        meet: where columns and screws meet.
     """
     velocity, acceleration = reference
     algebra, motions = recursion.algebra, recursion.motions
@@ -88,43 +96,39 @@ def find_slotine_li_columns(
             algebra, name, motions[link], references[link], rates[link]
         ),
         (acceleration, 1),
+        meet,
     )
 
 
-def find_momentum_columns(recursion: Recursion[T], keys: Sequence[Key]) -> Columns[T]:
+def find_momentum_columns(
+    recursion: Recursion[T], keys: Sequence[Key], *, meet: Meeting | None = None
+) -> Columns[T]:
     """Return the momentum regressor's columns: dT/ddq = Yp(q, dq) pi."""
     return _collect(
         recursion,
         keys,
         lambda link, name: find_momentum(recursion.algebra, name, recursion.motions[link]),
         (recursion.state.velocity, 0),
+        meet,
     )
 
 
-def find_lagrange_columns(recursion: Recursion[T], keys: Sequence[Key]) -> Columns[T]:
+def find_lagrange_columns(
+    recursion: Recursion[T], keys: Sequence[Key], *, meet: Meeting | None = None
+) -> Columns[T]:
     """Return the columns of dL/dq = dT/dq - dV/dq.
 
     dT/dq_k is the momentum beyond joint k times v_k x z_k, the change of the link's velocity by
     its joint's coordinate; -dV/dq_k the weight beyond joint k projected on its axis.
     """
-    algebra, frames, motions = recursion.algebra, recursion.frames, recursion.motions
-    zero = algebra.zero
-    axis: Vector[T] = (zero, zero, algebra.one)
-
-    def project(joint: int, wrench: Wrench[T]) -> T:
-        turned = cross(algebra, motions[joint].angular, axis)
-        if not frames[joint].revolute:
-            return dot(algebra, wrench.force, turned)
-        moved = cross(algebra, motions[joint].linear, axis)
-        return algebra.add(dot(algebra, wrench.moment, turned), dot(algebra, wrench.force, moved))
-
+    algebra, motions = recursion.algebra, recursion.motions
     links = [key for key in keys if key[1] not in DRIVE]
     momenta = {(link, name): find_momentum(algebra, name, motions[link]) for link, name in links}
     weights = {(link, name): find_gravity_wrench(algebra, name, motions[link]) for link, name in links}
-    kinetic = project_columns(recursion, momenta, project)
-    potential = project_columns(
-        recursion, weights, lambda joint, wrench: project_on_axis(frames[joint], wrench)
-    )
+    turned = carry_screws(recursion, find_turned_screws(recursion))
+    axes = carry_screws(recursion, find_axis_screws(recursion))
+    kinetic = project_columns(recursion, momenta, turned, meet)
+    potential = project_columns(recursion, weights, axes, meet)
     columns: Columns[T] = {}
     for key in keys:
         if key[1] in DRIVE:

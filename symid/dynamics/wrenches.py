@@ -13,22 +13,29 @@ from dataclasses import dataclass
 from typing import Generic
 
 from symid.algebra.scalar import Algebra, T
-from symid.algebra.vectors import Vector, add, cross
+from symid.algebra.vectors import Vector, add, cross, dot
 from symid.dynamics.kinematics import Frame, Motion, Recursion, lift_vector
+from symid.dynamics.screws import Screw, Screws
 from symid.notation import INERTIAL
 
 __all__ = [
     "Acceleration",
+    "Meeting",
     "Wrench",
     "add_wrenches",
     "find_gravity_wrench",
-    "find_inertial_wrench",
     "find_momentum",
     "find_slotine_li_wrench",
     "lift_wrench",
+    "pair",
     "project_columns",
     "project_on_axis",
+    "project_wrench",
 ]
+
+
+Meeting = Callable[[int], int]
+"""In whose frame the wrenches of a link meet the screws: that of the link or of one before it; -1 for none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,26 +96,6 @@ def find_gravity_wrench(algebra: Algebra[T], name: str, motion: Motion[T]) -> Wr
     return Wrench(force=zero, moment=cross(algebra, axis, motion.gravity))
 
 
-def find_inertial_wrench(
-    algebra: Algebra[T], name: str, angular: Vector[T], acceleration: Acceleration[T]
-) -> Wrench[T]:
-    """Return the wrench that moves a link, per unit of one parameter.
-
-    f = M a + dw x MS + w x (w x MS);  n = I dw + w x (I w) + MS x a   (Newton and Euler).
-    """
-    zero = (algebra.zero,) * 3
-    if name in _TENSOR:
-        spin = cross(algebra, angular, _apply_tensor(algebra, name, angular))
-        push = _apply_tensor(algebra, name, acceleration.angular)
-        return Wrench(force=zero, moment=add(algebra, push, spin))
-    if name == "M":
-        return Wrench(force=acceleration.linear, moment=zero)
-    axis = _unit(algebra, INERTIAL.index(name) - INERTIAL.index("MX"))
-    swing = cross(algebra, angular, cross(algebra, angular, axis))
-    force = add(algebra, cross(algebra, acceleration.angular, axis), swing)
-    return Wrench(force=force, moment=cross(algebra, axis, acceleration.linear))
-
-
 def find_slotine_li_wrench(
     algebra: Algebra[T], name: str, motion: Motion[T], reference: Motion[T], rate: Acceleration[T]
 ) -> Wrench[T]:
@@ -147,26 +134,40 @@ def project_on_axis(frame: Frame[T], wrench: Wrench[T]) -> T:
     return wrench.moment[2] if frame.revolute else wrench.force[2]
 
 
+def pair(algebra: Algebra[T], screw: Screw[T], wrench: Wrench[T]) -> T:
+    """Return the power of a wrench on a screw, both in the axes and about the origin of one frame."""
+    turning = dot(algebra, screw.angular, wrench.moment)
+    return algebra.add(turning, dot(algebra, screw.linear, wrench.force))
+
+
+def project_wrench(
+    recursion: Recursion[T], link: int, wrench: Wrench[T], screws: Screws[T], stop: int
+) -> list[T]:
+    """Return what every joint feels of a wrench in the frame of `link`.
+
+    The wrench goes down, joint by joint, until it reaches the frame of the link `stop` (-1: to the
+    base); the screws of the joints below come up to that frame. Joints that do not carry the link
+    get zero.
+    """
+    robot, algebra = recursion.robot, recursion.algebra
+    entries = [algebra.zero] * robot.size
+    frame = joint = link
+    while joint >= 0:
+        if frame not in (joint, stop):
+            wrench, frame = lift_wrench(algebra, recursion.frames[frame], wrench), joint
+        entries[joint] = pair(algebra, screws(joint, frame), wrench)
+        joint = robot.joints[joint].parent
+    return entries
+
+
 def project_columns(
     recursion: Recursion[T],
     columns: Mapping[tuple[int, str], Wrench[T]],
-    project: Callable[[int, Wrench[T]], T],
+    screws: Screws[T],
+    meet: Meeting | None = None,
 ) -> dict[tuple[int, str], Sequence[T]]:
-    """Return, for each (link, parameter), the n joint entries of its wrench.
-
-    `project(joint, wrench)` is called at the link's own joint and at each joint below it
-    on the way to the base; joints that do not carry the link get zero.
-    """
-    robot, algebra, frames = recursion.robot, recursion.algebra, recursion.frames
-    result: dict[tuple[int, str], Sequence[T]] = {}
-    for (link, name), own in columns.items():
-        entries = [algebra.zero] * robot.size
-        wrench, joint = own, link
-        while joint >= 0:
-            entries[joint] = project(joint, wrench)
-            parent = robot.joints[joint].parent
-            if parent >= 0:
-                wrench = lift_wrench(algebra, frames[joint], wrench)
-            joint = parent
-        result[link, name] = entries
-    return result
+    """Return, for each (link, parameter), the n joint entries of its wrench; `meet` None is the base."""
+    return {
+        (link, name): project_wrench(recursion, link, wrench, screws, meet(link) if meet else -1)
+        for (link, name), wrench in columns.items()
+    }
