@@ -46,7 +46,7 @@ def _weigh(workspace: Workspace, row: Sequence[int]) -> int:
     """Return a row times the base parameters."""
     algebra = workspace.recursion.algebra
     result = algebra.zero
-    for value, parameter in zip(row, workspace.inputs["beta"], strict=True):
+    for value, parameter in zip(row, workspace.parameters.values(), strict=True):
         result = algebra.add(result, algebra.mul(value, parameter))
     return result
 

@@ -46,4 +46,5 @@ def build_model_card(robot: Robot, base: BaseParameters, specs: tuple[FunctionSp
             _write_card(robot, parameter, values.get(parameter.name)) for parameter in base.friction
         ),
         functions=specs,
+        vector=base.vector,
     )

@@ -30,7 +30,7 @@ def build_jacobian(workspace: Workspace) -> tuple[Elements, ...]:
 
 
 def _find_columns(workspace: Workspace) -> list[list[int]]:
-    """Return the friction regressor by columns: those of the representatives, felt where their drive turns."""
+    """Return the friction regressor by columns, each felt where its drive turns."""
     robot = workspace.robot
     algebra = ValueAlgebra(workspace.table, dict(robot.symbols))
     speeds = spread_coordinates(robot, algebra, workspace.inputs["dq"])

@@ -98,7 +98,7 @@ def build_workspace(robot: Robot, base: BaseParameters, spec: FunctionSpec) -> W
     table = ValueTable()
     zero = table.constant(0.0)
     moving = ("q", "dq", "ddq", "dqr", "ddqr", "tau")
-    sizes = {**dict.fromkeys(moving, robot.freedom), "beta": base.count, "f": len(base.friction)}
+    sizes = {**dict.fromkeys(moving, robot.freedom), base.vector: base.count, "f": len(base.friction)}
     inputs = {name: (zero,) * size for name, size in sizes.items()}
     for number, port in enumerate(spec.inputs):
         inputs[port.name] = tuple(table.input(number, element) for element in range(port.size))
@@ -109,5 +109,5 @@ def build_workspace(robot: Robot, base: BaseParameters, spec: FunctionSpec) -> W
         table=table,
         inputs=inputs,
         recursion=build_recursion(robot, algebra, state),
-        parameters=dict(zip(base.keys, inputs["beta"], strict=True)),
+        parameters=dict(zip(base.keys, inputs[base.vector], strict=True)),
     )

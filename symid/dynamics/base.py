@@ -23,7 +23,15 @@ from symid.joint.friction import list_friction_parameters
 from symid.notation import INERTIAL
 from symid.robot.description import Robot
 
-__all__ = ["FORMS", "BaseParameter", "BaseParameters", "Eliminated", "Label", "find_base_parameters"]
+__all__ = [
+    "FORMS",
+    "BaseParameter",
+    "BaseParameters",
+    "Eliminated",
+    "Label",
+    "build_standard_parameters",
+    "find_base_parameters",
+]
 
 FORMS = ("torque", "energy", "momentum", "gravity")
 _INERTIAL = (*INERTIAL, *DRIVE)
@@ -55,6 +63,7 @@ class BaseParameters:
 
     `parameters` are the inertial ones (drives included), `friction` those of the friction models, in the
     order of the vectors beta and f; `labels` the columns of K, all parameters in their canonical order.
+    `vector` is the letter of the inertial ones: beta, or pi where every standard parameter stands for itself.
     """
 
     robot: str
@@ -62,6 +71,7 @@ class BaseParameters:
     parameters: tuple[BaseParameter, ...]
     friction: tuple[BaseParameter, ...]
     eliminated: tuple[Eliminated, ...]
+    vector: str = "beta"
 
     @property
     def count(self) -> int:
@@ -133,6 +143,28 @@ def _write_eliminated(
         if label not in kept:
             reason = explain_elimination(robot, label, groups[label], _angular(shown, label), form)
             yield Eliminated(name=write_label(robot, label), label=label, reason=reason)
+
+
+def build_standard_parameters(robot: Robot) -> BaseParameters:
+    """Return all parameters, each for itself: K is the unit matrix, and some of them show nowhere."""
+    entries = [
+        BaseParameter(
+            name=write_label(robot, label),
+            label=label,
+            terms=((label, Integer(1)),),
+            expression=write_label(robot, label),
+            reason="standard parameter, on its own",
+        )
+        for label in _label_parameters(robot)
+    ]
+    return BaseParameters(
+        robot=robot.name,
+        labels=_label_parameters(robot),
+        parameters=tuple(entry for entry in entries if entry.label[1] in _INERTIAL),
+        friction=tuple(entry for entry in entries if entry.label[1] not in _INERTIAL),
+        eliminated=(),
+        vector="pi",
+    )
 
 
 def find_base_parameters(robot: Robot, *, form: str = "torque") -> BaseParameters:
