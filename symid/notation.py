@@ -48,6 +48,8 @@ SYMBOLS: tuple[Symbol, ...] = (
     Symbol("MZ", "MZ", "kg m", "kg m", "first moment along z"),
     Symbol("M", "M", "kg", "kg", "mass"),
     Symbol("IA", "I_a", "kg m^2", "kg", "reflected rotor inertia"),
+    Symbol("KS", "K_s", "N m/rad", "N/m", "stiffness of a spring at the joint"),
+    Symbol("KR", "K_r", "N m", "N", "torque of the spring at q = 0: minus stiffness times rest position"),
     Symbol("Fv", "F_v", "N m s/rad", "N s/m", "viscous friction"),
     Symbol("Fc", "F_c", "N m", "N", "Coulomb friction"),
     Symbol("offset", r"\tau_0", "N m", "N", "constant torque: drive offset, asymmetry"),

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 
-from symid.algebra.scalar import OperatorAlgebra, State
+from symid.algebra.scalar import Algebra, OperatorAlgebra, State, spread_coordinates
+from symid.robot.description import Robot
 from symid.robot.geometry import Exact
 
 __all__ = ["CodeAlgebra", "build_code_state"]
@@ -51,13 +52,18 @@ class CodeAlgebra(OperatorAlgebra[ca.SX]):
         return ca.fabs(value)
 
 
-def build_code_state(q: ca.SX, dq: ca.SX, ddq: ca.SX) -> State[ca.SX]:
-    """Return the coordinates of n joints from three SX columns of length n."""
-    joints = range(q.numel())
+def build_code_state(robot: Robot, algebra: Algebra[ca.SX], q: ca.SX, dq: ca.SX, ddq: ca.SX) -> State[ca.SX]:
+    """Return the state of the joints from three SX columns of the coordinates."""
+    joints, coordinates = range(robot.size), range(q.numel())
+
+    def spread(column: ca.SX) -> tuple[ca.SX, ...]:
+        return spread_coordinates(robot, algebra, [column[i] for i in coordinates])[: robot.size]
+
+    position = spread(q)
     return State(
-        sine=tuple(ca.sin(q[i]) for i in joints),
-        cosine=tuple(ca.cos(q[i]) for i in joints),
-        position=tuple(q[i] for i in joints),
-        velocity=tuple(dq[i] for i in joints),
-        acceleration=tuple(ddq[i] for i in joints),
+        sine=tuple(ca.sin(position[i]) for i in joints),
+        cosine=tuple(ca.cos(position[i]) for i in joints),
+        position=position,
+        velocity=spread(dq),
+        acceleration=spread(ddq),
     )

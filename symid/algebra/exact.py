@@ -5,19 +5,20 @@ K[s_i, c_i, q_i, dq_i, ddq_i, lengths], with s_i^2 = 1 - c_i^2 applied after eve
 so that equal functions are equal polynomials. K is the rationals, extended by sqrt(2) and
 sqrt(3) only where the robot has them.
 
-Supported: revolute joints (s, c), prismatic joints (q), symbolic lengths.
+Supported: revolute joints (s, c), prismatic joints (q), springs, joints that follow others, symbols.
 Not supported: division (the recursion has none).
 """
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
-from sympy import QQ, Rational, sqrt
+from sympy import QQ, sqrt
 from sympy.polys.domains.domain import Domain
 from sympy.polys.rings import PolyElement, PolyRing
 
-from symid.algebra.scalar import State
+from symid.algebra.scalar import State, spread_coordinates
 from symid.robot.description import JointKind, Robot
 from symid.robot.geometry import Exact, Surd
 
@@ -31,6 +32,7 @@ __all__ = [
     "find_generators",
     "find_number",
     "find_symbols",
+    "lift_number",
 ]
 
 
@@ -55,10 +57,28 @@ def find_symbols(robot: Robot) -> tuple[str, ...]:
 
 
 def _find_surd(surd: Surd, domain: Domain) -> Any:  # noqa: ANN401  an element of a SymPy domain has no type of its own
-    one, two, three, six = (Rational(part.numerator, part.denominator) for part in surd)
-    if not (two or three or six):
-        return domain.convert(QQ(one.p, one.q))
-    return domain.from_sympy(one + two * sqrt(2) + three * sqrt(3) + six * sqrt(2) * sqrt(3))
+    one, two, three, six = (QQ(part.numerator, part.denominator) for part in surd)
+    total = domain.convert(one)
+    if two or three or six:
+        root_two, root_three = _find_roots(domain)
+        total += domain.convert(two) * root_two if two else domain.zero
+        total += domain.convert(three) * root_three if three else domain.zero
+        total += domain.convert(six) * root_two * root_three if six else domain.zero
+    return total
+
+
+@lru_cache(maxsize=8)
+def _find_roots(domain: Domain) -> tuple[Any, Any]:
+    """Return sqrt(2) and sqrt(3) in `domain`, zero for one that it lacks; SymPy takes long to find them."""
+
+    def find(root: int) -> Any:  # noqa: ANN401  as above
+        return domain.from_sympy(sqrt(root)) if _holds_root(domain, root) else domain.zero
+
+    return find(2), find(3)
+
+
+def _holds_root(domain: Domain, root: int) -> bool:
+    return any(root == generator**2 for generator in domain.orig_ext)
 
 
 def find_generators(field: Domain) -> dict[str, Any]:
@@ -76,12 +96,18 @@ def find_constant(value: Exact, domain: Domain, symbols: Mapping[str, Any]) -> A
     return total
 
 
+def lift_number(value: Any, domain: Domain, field: Domain) -> Any:  # noqa: ANN401  as above
+    """Return a number of `domain` in `field`: the domain itself, or rational functions over it."""
+    # SymPy's own conversion factors a polynomial for each number of an algebraic field.
+    return value if field == domain else field.new(field.field.ring.ground_new(value))
+
+
 def find_number(value: Exact, domain: Domain, field: Domain) -> Any:  # noqa: ANN401  an element of `field`
     """Return `value` in `field`, which contains `domain` and the symbolic lengths of `value`."""
     generators = find_generators(field)
     total = field.zero
     for name, surd in value.terms:
-        number = field.convert_from(_find_surd(surd, domain), domain)
+        number = lift_number(_find_surd(surd, domain), domain, field)
         total += number * generators[name] if name else number
     return total
 
@@ -154,43 +180,66 @@ class ExactAlgebra:
 
 
 def build_exact_algebra(robot: Robot, domain: Domain | None = None) -> ExactAlgebra:
-    """Return the algebra whose generators are the robot's coordinates and symbolic lengths."""
+    """Return the algebra whose generators are the robot's coordinates and symbols.
+
+    Every joint has its own s and c, or q, those that follow another too: what is proved without their
+    relation holds with it. Revolute joints have a q where a spring needs it.
+    """
     names: list[str] = []
     sines: list[tuple[int, int]] = []
     for number, joint in enumerate(robot.joints, start=1):
         if joint.kind is JointKind.REVOLUTE:
             sines.append((len(names), len(names) + 1))
             names += [f"s{number}", f"c{number}"]
-        else:
+        if joint.kind is JointKind.PRISMATIC or joint.spring is not None:
             names.append(f"q{number}")
-    numbers = range(1, robot.size + 1)
+    numbers = [index + 1 for index in robot.coordinates]
     names += [f"dq{number}" for number in numbers] + [f"ddq{number}" for number in numbers]
     names += find_symbols(robot)
     return ExactAlgebra(PolyRing(names, domain or find_domain(robot)), tuple(sines))
 
 
 def build_exact_state(robot: Robot, algebra: ExactAlgebra) -> State[PolyElement]:
-    """Return the coordinates as generators of the ring."""
+    """Return the state of the joints in the generators of the ring."""
+    known = {
+        str(symbol): generator
+        for symbol, generator in zip(algebra.ring.symbols, algebra.ring.gens, strict=True)
+    }
 
-    def take(prefix: str, kind: JointKind | None) -> tuple[PolyElement, ...]:
-        return tuple(
-            algebra.generator(f"{prefix}{number}") if kind in (None, joint.kind) else algebra.zero
-            for number, joint in enumerate(robot.joints, start=1)
-        )
+    def take(prefix: str) -> tuple[PolyElement, ...]:
+        return tuple(known.get(f"{prefix}{number}", algebra.zero) for number in range(1, robot.size + 1))
+
+    def spread(prefix: str) -> tuple[PolyElement, ...]:
+        rates = [known[f"{prefix}{index + 1}"] for index in robot.coordinates]
+        return spread_coordinates(robot, algebra, rates)[: robot.size]
 
     return State(
-        sine=take("s", JointKind.REVOLUTE),
-        cosine=take("c", JointKind.REVOLUTE),
-        position=take("q", JointKind.PRISMATIC),
-        velocity=take("dq", None),
-        acceleration=take("ddq", None),
+        sine=take("s"),
+        cosine=take("c"),
+        position=take("q"),
+        velocity=spread("dq"),
+        acceleration=spread("ddq"),
     )
 
 
-def differentiate(robot: Robot, algebra: ExactAlgebra, value: PolyElement, joint: int) -> PolyElement:
-    """Return the derivative by the coordinate of `joint` (index from 0): d s = c, d c = -s."""
-    number = joint + 1
-    if robot.joints[joint].kind is JointKind.PRISMATIC:
-        return value.diff(algebra.generator(f"q{number}"))
-    sine, cosine = algebra.generator(f"s{number}"), algebra.generator(f"c{number}")
-    return algebra.reduce(value.diff(sine) * cosine - value.diff(cosine) * sine)
+def differentiate(robot: Robot, algebra: ExactAlgebra, value: PolyElement, coordinate: int) -> PolyElement:
+    """Return the derivative by the coordinate of a joint (index): d s = c, d c = -s, at followers too."""
+    total = algebra.zero
+    known = {
+        str(symbol): generator
+        for symbol, generator in zip(algebra.ring.symbols, algebra.ring.gens, strict=True)
+    }
+    position = robot.coordinates.index(coordinate)
+    transmission = robot.transmission[: robot.size]
+    for number, (joint, row) in enumerate(zip(robot.joints, transmission, strict=True), start=1):
+        factor = dict(row).get(position)
+        if factor is None:
+            continue
+        part = algebra.zero
+        if joint.kind is JointKind.REVOLUTE:
+            sine, cosine = known[f"s{number}"], known[f"c{number}"]
+            part = algebra.reduce(value.diff(sine) * cosine - value.diff(cosine) * sine)
+        if f"q{number}" in known:
+            part += value.diff(known[f"q{number}"])
+        total += part if factor == 1 else algebra.mul(algebra.constant(Exact.of(factor)), part)
+    return total

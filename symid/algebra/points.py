@@ -12,7 +12,7 @@ from sympy import QQ
 from sympy.polys.domains.domain import Domain
 
 from symid.algebra.exact import find_constant
-from symid.algebra.scalar import OperatorAlgebra, State
+from symid.algebra.scalar import OperatorAlgebra, State, spread_coordinates
 from symid.robot.description import Robot
 from symid.robot.geometry import Exact
 
@@ -45,12 +45,23 @@ class PointAlgebra(OperatorAlgebra[Any]):
         return value * self.domain.convert(QQ(1, 2))
 
 
-def build_point_state(robot: Robot, values: Mapping[str, Any]) -> State[Any]:
-    """Return the coordinates from {s1: .., c1: .., q1: .., dq1: .., ddq1: ..}; s^2 + c^2 = 1 must hold."""
+def build_point_state(robot: Robot, algebra: PointAlgebra, values: Mapping[str, Any]) -> State[Any]:
+    """Return the state from {s1: .., c1: .., q1: .., dq1: .., ddq1: ..}; s^2 + c^2 = 1 must hold.
+
+    Joints that follow another have their own s and c, or q; their rates follow.
+    """
 
     def take(prefix: str) -> tuple[Any, ...]:
         return tuple(values.get(f"{prefix}{number}", 0) for number in range(1, robot.size + 1))
 
+    def spread(prefix: str) -> tuple[Any, ...]:
+        rates = [values.get(f"{prefix}{index + 1}", 0) for index in robot.coordinates]
+        return spread_coordinates(robot, algebra, rates)[: robot.size]
+
     return State(
-        sine=take("s"), cosine=take("c"), position=take("q"), velocity=take("dq"), acceleration=take("ddq")
+        sine=take("s"),
+        cosine=take("c"),
+        position=take("q"),
+        velocity=spread("dq"),
+        acceleration=spread("ddq"),
     )

@@ -8,12 +8,15 @@ carrier itself, so that the recursion need not know them.
 """
 
 import operator
+from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Generic, Protocol, TypeVar
 
+from symid.robot.description import Robot
 from symid.robot.geometry import Exact
 
-__all__ = ["Algebra", "OperatorAlgebra", "State", "T"]
+__all__ = ["Algebra", "OperatorAlgebra", "State", "T", "spread_coordinates"]
 
 T = TypeVar("T")
 
@@ -50,11 +53,11 @@ class Algebra(Protocol[T]):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class State(Generic[T]):
-    """The coordinates of a robot in one carrier, one entry a joint.
+    """The state of a robot in one carrier, one entry a joint, those that follow another included.
 
     Args:
         sine, cosine: of the joint angle; not used at prismatic joints.
-        position: joint coordinate; not used at revolute joints.
+        position: joint coordinate; at revolute joints used by springs only.
         velocity: dq; acceleration: ddq.
     """
 
@@ -87,3 +90,23 @@ class OperatorAlgebra(Generic[T]):
         """Return -value."""
         result: T = operator.neg(value)  # type: ignore[arg-type]  # T has operators here
         return result
+
+
+def spread_coordinates(robot: Robot, algebra: Algebra[T], values: Sequence[T]) -> tuple[T, ...]:
+    """Return the value of every joint, and then every coupling, from those of the coordinates.
+
+    Args:
+        robot: the robot.
+        algebra: the carrier.
+        values: positions, velocities or accelerations of the coordinates.
+    """
+    result = []
+    for row in robot.transmission:
+        total = algebra.zero
+        for position, factor in row:
+            share = values[position]
+            if factor != Fraction(1):
+                share = algebra.mul(algebra.constant(Exact.of(factor)), share)
+            total = algebra.add(total, share)
+        result.append(total)
+    return tuple(result)

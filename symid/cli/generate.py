@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from symid.cli.inputs import load_robot
-from symid.cli.options import force_folder_option, friction_option, output_option, verb
+from symid.cli.options import cut_options, force_folder_option, friction_option, output_option, verb
 from symid.cli.output import Answer, Console, format_table
 from symid.errors import GenerationError, Notice
 
@@ -34,8 +34,16 @@ _TIMEOUT = 600.0
     show_default=True,
     help="Type of all numbers in C.",
 )
+@click.option(
+    "--parameters",
+    type=click.Choice(("base", "standard")),
+    default="base",
+    show_default=True,
+    help="What functions take: the base parameters beta, or all standard parameters pi.",
+)
 @click.option("--function", "names", multiple=True, metavar="NAME", help="This one only; may be repeated.")
 @friction_option
+@cut_options
 @output_option("Folder of the sources.", required=True, folder=True)
 @force_folder_option
 @verb
@@ -45,8 +53,11 @@ def command(
     robot: str,
     target: str,
     precision: str,
+    parameters: str,
     names: tuple[str, ...],
     friction: str | None,
+    base_link: str | None,
+    tip_link: str | None,
     output: Path,
     force: bool,
 ) -> Answer:
@@ -54,14 +65,14 @@ def command(
 
     The folder needs neither symid nor CasADi. Its self-test is run where a compiler is.
     """
-    described = load_robot(robot, friction=friction)
+    described = load_robot(robot, friction=friction, base=base_link, tip=tip_link)
     console.progress(f"deriving the functions of {described.name}")
     from symid.codegen.casadi_functions import build_functions
     from symid.codegen.options import GenerateOptions
     from symid.codegen.writer import write_sources
 
     options = GenerateOptions(precision=precision)
-    functions = build_functions(described, names=names or None)
+    functions = build_functions(described, names=names or None, standard=parameters == "standard")
     console.progress(f"writing {target} code")
     if target == "c":
         from symid.codegen.c_library import generate_c_library

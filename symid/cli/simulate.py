@@ -113,7 +113,7 @@ def _check_suffix(path: Path) -> None:
 def _check_values(robot: "Robot") -> None:
     """Refuse a robot whose file lacks values, before minutes go into its derivation."""
     lacking = []
-    for joint in robot.joints:
+    for joint in robot.axes:
         if joint.inertial is None:
             lacking.append(f"joint '{joint.name}': [joint.link] mass, com and inertia")
         if joint.drive.has_rotor and joint.drive.rotor_inertia is None:
@@ -152,8 +152,8 @@ def build_trajectory(
         return build_random_fourier(robot, rng, options)
     length = {} if duration is None else {"duration": duration}
     if name == "tb":
-        return build_tb(joint - 1, size=robot.size, **length)
-    if robot.size != _TA_JOINTS:
-        text = f"trajectory ta moves {_TA_JOINTS} joints, {robot.name} has {robot.size}; use fourier"
+        return build_tb(joint - 1, size=robot.freedom, **length)
+    if robot.freedom != _TA_JOINTS:
+        text = f"trajectory ta moves {_TA_JOINTS} joints, {robot.name} has {robot.freedom}; use fourier"
         raise UsageError(Notice(code="usage.trajectory", text=text))
     return build_ta(**length)

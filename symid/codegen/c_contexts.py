@@ -40,6 +40,8 @@ class HeaderContext:
     robot: str
     joint_count: int
     beta_count: int
+    beta_macro: str
+    beta_title: str
     friction_count: int
     joint_lines: tuple[str, ...]
     beta_lines: tuple[str, ...]

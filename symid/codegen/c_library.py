@@ -102,6 +102,8 @@ def _write_header(material: Material) -> str:
         robot=material.robot,
         joint_count=card.size,
         beta_count=len(card.beta),
+        beta_macro=card.vector.upper(),
+        beta_title=material.beta_title,
         friction_count=len(card.friction),
         joint_lines=material.joint_lines,
         beta_lines=material.beta_lines,

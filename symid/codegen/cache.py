@@ -31,7 +31,8 @@ from symid.codegen.templates import find_template_bytes
 from symid.codegen.writer import MANIFEST, find_digest, write_sources
 from symid.errors import GenerationError, Notice, OutputError
 from symid.provenance import find_signature
-from symid.robot.description import Joint, Limits, LogMap, Processing, Robot
+from symid.robot.description import Joint, Limits, Robot
+from symid.robot.log_map import LogMap, Processing
 
 __all__ = ["find_cache_folder", "find_library_key", "prepare_library"]
 

@@ -19,7 +19,7 @@ from symid.codegen.model_card import build_model_card
 from symid.codegen.routes import choose_route
 from symid.codegen.sx_functions import build_function
 from symid.codegen.workspace import check_symbols
-from symid.dynamics.base import find_base_parameters
+from symid.dynamics.base import build_standard_parameters, find_base_parameters
 from symid.errors import Notice, UsageError
 from symid.robot.description import Robot
 
@@ -34,16 +34,23 @@ class Functions:
     functions: tuple[ca.Function, ...]
 
 
-def build_functions(robot: Robot, *, names: tuple[str, ...] | None = None) -> Functions:
+def build_functions(
+    robot: Robot, *, names: tuple[str, ...] | None = None, standard: bool = False
+) -> Functions:
     """Return the functions of the catalogue, or those called `names`, in the catalogue's order.
+
+    Args:
+        robot: the robot.
+        names: of the functions wanted, None for all.
+        standard: whether functions take the standard parameters pi in place of beta.
 
     Raises:
         RobotError: a symbolic length has no value.
         UsageError: a name is not in the catalogue.
     """
     check_symbols(robot)
-    base = find_base_parameters(robot)
-    catalogue = find_specs(robot.size, base.count, len(base.friction))
+    base = build_standard_parameters(robot) if standard else find_base_parameters(robot)
+    catalogue = find_specs(robot.freedom, base.count, len(base.friction), base.vector)
     known = [spec.name for spec in catalogue]
     for name in names or ():
         if name not in known:

@@ -19,9 +19,10 @@ _INPUTS = {
     "ddqr": ("n", "rad/s^2", "reference accelerations"),
     "tau": ("n", "N m", "joint torques without friction"),
     "beta": ("b", "mixed", "base inertial parameters"),
+    "pi": ("b", "mixed", "standard parameters of links, drives and springs"),
     "f": ("p", "mixed", "friction parameters"),
 }
-_SHARED = ("beta", "f")
+_SHARED = ("beta", "pi", "f")
 
 # Name, inputs, outputs as for the inputs, meaning.
 _RIGID = (
@@ -134,12 +135,13 @@ _FRICTION = (
 )
 
 
-def find_specs(joints: int, beta: int, friction: int) -> tuple[FunctionSpec, ...]:
-    """Return the catalogue for a robot with so many joints, base and friction parameters.
+def find_specs(joints: int, parameters: int, friction: int, vector: str = "beta") -> tuple[FunctionSpec, ...]:
+    """Return the catalogue for a robot with so many coordinates, inertial and friction parameters.
 
-    Without friction parameters the friction functions are left out: they would be empty code.
+    `vector` names the inertial ones: beta, or pi for the standard parameters. Without friction parameters
+    the friction functions are left out: they would be empty code.
     """
-    sizes = {"n": joints, "b": beta, "p": friction}
+    sizes = {"n": joints, "b": parameters, "p": friction}
 
     def find_port(name: str, letters: str, unit: str, meaning: str, *, shared: bool = False) -> Port:
         shape = tuple(sizes[letter] if letter in sizes else int(letter) for letter in letters)
@@ -148,7 +150,10 @@ def find_specs(joints: int, beta: int, friction: int) -> tuple[FunctionSpec, ...
     return tuple(
         FunctionSpec(
             name=name,
-            inputs=tuple(find_port(key, *_INPUTS[key], shared=key in _SHARED) for key in inputs.split()),
+            inputs=tuple(
+                find_port(key, *_INPUTS[key], shared=key in _SHARED)
+                for key in inputs.replace("beta", vector).split()
+            ),
             outputs=tuple(find_port(*output) for output in outputs),
             meaning=meaning,
         )

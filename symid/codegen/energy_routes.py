@@ -9,9 +9,9 @@ Supported: everything the recursion supports.
 from collections.abc import Sequence
 
 from symid.codegen.differentiation import find_gradient, find_rates
-from symid.codegen.outputs import lay_columns, lay_matrix, lay_vector
+from symid.codegen.outputs import lay_coordinates, line_up
 from symid.codegen.workspace import Elements, Workspace
-from symid.dynamics.base import Label
+from symid.dynamics.drives import DRIVE, find_drive_energy
 from symid.dynamics.energy import find_energy_rows
 from symid.notation import INERTIAL
 
@@ -28,13 +28,14 @@ __all__ = [
 
 def _find_rows(workspace: Workspace) -> tuple[Elements, Elements]:
     """Return kinetic and potential energy per base parameter."""
-    algebra, state = workspace.recursion.algebra, workspace.recursion.state
+    algebra = workspace.recursion.algebra
     kinetic, potential = [], []
     rows = [find_energy_rows(algebra, motion) for motion in workspace.recursion.motions]
     for link, name in workspace.base.keys:
-        if name == "IA":
-            kinetic.append(algebra.half(algebra.mul(state.velocity[link], state.velocity[link])))
-            potential.append(algebra.zero)
+        if name in DRIVE:
+            drive = find_drive_energy(workspace.recursion, (link, name))
+            kinetic.append(drive[0])
+            potential.append(drive[1])
         else:
             kinetic.append(rows[link].kinetic[INERTIAL.index(name)])
             potential.append(rows[link].potential[INERTIAL.index(name)])
@@ -45,7 +46,7 @@ def _weigh(workspace: Workspace, row: Sequence[int]) -> int:
     """Return a row times the base parameters."""
     algebra = workspace.recursion.algebra
     result = algebra.zero
-    for value, parameter in zip(row, workspace.inputs["beta"], strict=True):
+    for value, parameter in zip(row, workspace.parameters.values(), strict=True):
         result = algebra.add(result, algebra.mul(value, parameter))
     return result
 
@@ -78,7 +79,7 @@ def _derive_torque(workspace: Workspace, kinetic: int, potential: int) -> list[i
 def derive_torques(workspace: Workspace) -> tuple[Elements, ...]:
     """Return the joint torques."""
     (kinetic,), (potential,) = build_energy(workspace)
-    return (lay_vector(workspace, _derive_torque(workspace, kinetic, potential)),)
+    return (lay_coordinates(workspace, _derive_torque(workspace, kinetic, potential)),)
 
 
 def derive_mass_matrix(workspace: Workspace) -> tuple[Elements, ...]:
@@ -87,18 +88,17 @@ def derive_mass_matrix(workspace: Workspace) -> tuple[Elements, ...]:
     The velocities are inputs of the momentum only: p is linear in them, its derivatives are free of them.
     """
     table = workspace.table
-    rates = tuple(table.input(-1, joint) for joint in range(workspace.robot.size))
+    rates = tuple(table.input(-1, joint) for joint in range(workspace.robot.freedom))
     moving = workspace.move(rates)
     kinetic = _weigh(moving, _find_rows(moving)[0])
     momenta = find_gradient(table, kinetic, rates)
     one = table.constant(1.0)
     columns = [find_rates(table, momenta, {rate: one}) for rate in rates]
-    return (lay_matrix(workspace, list(zip(*columns, strict=True))),)
+    return (line_up(workspace, columns),)
 
 
 def _collect(workspace: Workspace, columns: Sequence[Sequence[int]]) -> tuple[Elements, ...]:
-    keyed: dict[Label, Sequence[int]] = dict(zip(workspace.base.keys, columns, strict=True))
-    return (lay_columns(workspace, keyed),)
+    return (line_up(workspace, columns),)
 
 
 def derive_momentum_columns(workspace: Workspace) -> tuple[Elements, ...]:

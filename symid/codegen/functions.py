@@ -93,7 +93,8 @@ class ModelCard:
 
     `beta` describes the base inertial parameters (drives included), `friction` the friction
     parameters; both in the order of the vectors of the same names. Values are those of the
-    robot file, where it states all of them.
+    robot file, where it states all of them. `vector` is "beta", or "pi" where functions take all
+    standard parameters, which `beta` then lists.
     """
 
     robot: str
@@ -102,6 +103,7 @@ class ModelCard:
     beta: tuple[ParameterCard, ...]
     friction: tuple[ParameterCard, ...]
     functions: tuple[FunctionSpec, ...]
+    vector: str = "beta"
 
     @property
     def size(self) -> int:
@@ -141,6 +143,7 @@ def read_model_card(text: str) -> ModelCard:
         beta=tuple(ParameterCard(**entry) for entry in data["beta"]),
         friction=tuple(ParameterCard(**entry) for entry in data["friction"]),
         functions=tuple(map(spec, data["functions"])),
+        vector=data["vector"],
     )
 
 
@@ -153,7 +156,20 @@ def find_model_signature(robot: Robot, parameters: Sequence[tuple[str, str]]) ->
         parameters: name and expression of every base and friction parameter, in order.
     """
     joints = tuple(
-        (joint.name, joint.kind, joint.parent, joint.placement, joint.drive.has_rotor, joint.friction.kind)
+        (
+            (
+                joint.name,
+                joint.kind,
+                joint.parent,
+                joint.placement,
+                joint.drive.has_rotor,
+                joint.friction.kind,
+            ),
+            (joint.mimic, joint.spring is not None),
+        )
         for joint in robot.joints
     )
-    return find_signature(robot.name, joints, robot.gravity, robot.symbols, tuple(parameters))
+    couplings = tuple(
+        (entry.name, entry.terms, entry.has_rotor, entry.friction.kind) for entry in robot.couplings
+    )
+    return find_signature(robot.name, joints, couplings, robot.gravity, robot.symbols, tuple(parameters))

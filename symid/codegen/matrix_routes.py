@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from symid.codegen.differentiation import find_rates
 from symid.codegen.meetings import meet_at_depth
-from symid.codegen.outputs import lay_matrix, lay_vector
+from symid.codegen.outputs import lay_coordinates, lay_matrix, line_up
 from symid.codegen.workspace import Build, Elements, Workspace
 from symid.dynamics.composite import find_mass_matrix
 
@@ -69,11 +69,11 @@ def build_forward_dynamics(mass: Build, torques: Build) -> Build:
     """Return the route that solves M ddq = tau - c for a matrix and a bias torque from two other routes."""
 
     def build(workspace: Workspace) -> tuple[Elements, ...]:
-        table, n = workspace.table, workspace.robot.size
+        table, n = workspace.table, workspace.robot.freedom
         (entries,), (bias,) = workspace.recall(mass), workspace.recall(torques)
         rest = [table.add(tau, -c) for tau, c in zip(workspace.inputs["tau"], bias, strict=True)]
         matrix = [entries[n * row : n * (row + 1)] for row in range(n)]
-        return (lay_vector(workspace, _solve(workspace, matrix, rest)),)
+        return (lay_coordinates(workspace, _solve(workspace, matrix, rest)),)
 
     return build
 
@@ -88,7 +88,7 @@ def differentiate_torques(torques: Build) -> Build:
         blocks = []
         for name in ("q", "dq"):
             columns = [find_rates(table, values, {ref: one}) for ref in workspace.inputs[name]]
-            blocks.append(lay_matrix(workspace, list(zip(*columns, strict=True))))
+            blocks.append(line_up(workspace, columns))
         return tuple(blocks)
 
     return build

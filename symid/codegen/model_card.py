@@ -7,22 +7,20 @@ Supported: everything the base parameters support; values only where the robot f
 
 from symid.codegen.functions import FunctionSpec, JointCard, ModelCard, ParameterCard, find_model_signature
 from symid.dynamics.base import BaseParameter, BaseParameters
+from symid.dynamics.labels import find_label_unit, find_owner
 from symid.dynamics.values import find_parameter_values
-from symid.notation import find_unit
-from symid.robot.description import JointKind, Robot
+from symid.robot.description import Robot
 
 __all__ = ["build_model_card"]
 
 
 def _write_card(robot: Robot, parameter: BaseParameter, value: float | None) -> ParameterCard:
-    joint = robot.joints[parameter.label[0]]
-    unit = find_unit(parameter.label[1], prismatic=joint.kind is JointKind.PRISMATIC)
     return ParameterCard(
         name=parameter.name,
         expression=parameter.expression,
-        unit=unit,
+        unit=find_label_unit(robot, parameter.label),
         reason=parameter.reason,
-        joint=joint.name,
+        joint=find_owner(robot, parameter.label),
         value=value,
     )
 
@@ -32,7 +30,7 @@ def build_model_card(robot: Robot, base: BaseParameters, specs: tuple[FunctionSp
     values = find_parameter_values(robot, base)
     joints = tuple(
         JointCard(name=joint.name, kind=joint.kind.value, friction=joint.friction.kind.value)
-        for joint in robot.joints
+        for joint in robot.axes
     )
     return ModelCard(
         robot=robot.name,
@@ -48,4 +46,5 @@ def build_model_card(robot: Robot, base: BaseParameters, specs: tuple[FunctionSp
             _write_card(robot, parameter, values.get(parameter.name)) for parameter in base.friction
         ),
         functions=specs,
+        vector=base.vector,
     )

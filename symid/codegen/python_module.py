@@ -60,6 +60,7 @@ class ModuleContext:
     names: str
     joint_count: int
     joint_lines: tuple[str, ...]
+    beta_title: str
     beta_lines: tuple[str, ...]
     friction_lines: tuple[str, ...]
     functions: tuple[ModuleFunction, ...]
@@ -137,6 +138,7 @@ def _write_module(material: Material) -> str:
         names=", ".join(f'"{program.spec.name}"' for program in programs),
         joint_count=material.card.size,
         joint_lines=material.joint_lines,
+        beta_title=material.beta_title,
         beta_lines=material.beta_lines,
         friction_lines=material.friction_lines,
         functions=tuple(_write_function(program, count) for program, count in counted),

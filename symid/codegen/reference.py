@@ -8,7 +8,7 @@ Supported: all operations of `Op`.
 """
 
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -122,7 +122,7 @@ def _find_candidates(
     """
     stated = [parameter.value for parameter in card.beta]
     known = tuple(float(value) for value in stated if value is not None)
-    beta = Port(name="beta", shape=(len(stated),), unit="", meaning="", shared=True)
+    beta = Port(name=card.vector, shape=(len(stated),), unit="", meaning="", shared=True)
     draws = [_draw(beta, rng) for _ in range(_DRAWS)]
     given = [known] if len(known) == len(stated) else []
     found = [k for k, program in enumerate(programs) if program.spec.name == "mass_matrix"]
@@ -164,11 +164,11 @@ def _check(
 def _build(
     functions: Sequence[ca.Function],
     programs: Sequence[Program],
-    beta: tuple[float, ...],
+    shared_values: Mapping[str, tuple[float, ...]],
     options: GenerateOptions,
 ) -> tuple[Reference, ...]:
     rng = np.random.default_rng(options.seed)
-    shared = {"beta": beta}
+    shared = dict(shared_values)
     references = []
     for function, program in zip(functions, programs, strict=True):
         columns: list[list[tuple[float, ...]]] = [[] for _ in program.spec.inputs]
@@ -200,7 +200,7 @@ def build_references(
     failures = []
     for beta in _find_candidates(card, functions, programs, rng):
         try:
-            return _build(functions, programs, beta, options)
+            return _build(functions, programs, {card.vector: beta}, options)
         except GenerationError as error:
             failures.append(error)
     raise failures[-1]

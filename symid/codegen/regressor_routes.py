@@ -56,7 +56,8 @@ def build_slotine_li_columns(place: Place | None) -> Build:
     """Return the route to the Slotine-Li regressor that meets at `place`, or carries all columns down."""
 
     def find(workspace: Workspace, meet: Meeting | None) -> Columns[int]:
-        reference = (workspace.inputs["dqr"], workspace.inputs["ddqr"])
+        inputs = workspace.inputs
+        reference = (workspace.spread(inputs["dqr"]), workspace.spread(inputs["ddqr"]))
         return find_slotine_li_columns(workspace.recursion, reference, workspace.base.keys, meet=meet)
 
     return _build(find, place)

@@ -8,7 +8,7 @@ Supported: everything the recursion supports.
 from dataclasses import replace
 
 from symid.codegen.meetings import meet_in_link
-from symid.codegen.outputs import lay_matrix, lay_vector
+from symid.codegen.outputs import lay_vector, line_up
 from symid.codegen.workspace import Elements, Workspace
 from symid.dynamics.newton_euler import find_inverse_dynamics, find_slotine_li_torques
 from symid.dynamics.regressors import find_torque_columns
@@ -48,9 +48,10 @@ def build_coriolis_matrix(workspace: Workspace) -> tuple[Elements, ...]:
     """Return C column by column: the Slotine-Li torque for dqr = e_k, ddqr = 0, less gravity."""
     recursion, algebra = workspace.recursion, workspace.recursion.algebra
     weightless = replace(recursion, robot=replace(workspace.robot, gravity=(ZERO, ZERO, ZERO)))
-    joints = range(workspace.robot.size)
+    coordinates = range(workspace.robot.freedom)
     columns = []
-    for k in joints:
-        reference = (tuple(algebra.one if j == k else algebra.zero for j in joints), workspace.zeros)
-        columns.append(find_slotine_li_torques(weightless, reference, workspace.parameters))
-    return (lay_matrix(workspace, list(zip(*columns, strict=True))),)
+    for k in coordinates:
+        unit = workspace.spread([algebra.one if j == k else algebra.zero for j in coordinates])
+        torques = find_slotine_li_torques(weightless, (unit, workspace.zeros), workspace.parameters)
+        columns.append(lay_vector(workspace, torques))
+    return (line_up(workspace, columns),)

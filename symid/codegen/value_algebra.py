@@ -8,12 +8,13 @@ Supported: everything the recursion needs, numbers as doubles nearest to the exa
 Not supported: symbolic lengths without a value.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from symid.algebra.scalar import State
+from symid.algebra.scalar import State, spread_coordinates
 from symid.codegen.instructions import Op
 from symid.codegen.values import ValueTable
+from symid.robot.description import Robot
 from symid.robot.geometry import Exact
 
 __all__ = ["ValueAlgebra", "build_value_state"]
@@ -70,13 +71,18 @@ class ValueAlgebra:
 
 
 def build_value_state(
-    table: ValueTable, position: tuple[int, ...], velocity: tuple[int, ...], acceleration: tuple[int, ...]
+    robot: Robot, algebra: ValueAlgebra, q: Sequence[int], dq: Sequence[int], ddq: Sequence[int]
 ) -> State[int]:
-    """Return the coordinates from references to q, dq and ddq, one a joint."""
+    """Return the state of the joints from references to the coordinates."""
+
+    def spread(values: Sequence[int]) -> tuple[int, ...]:
+        return spread_coordinates(robot, algebra, values)[: robot.size]
+
+    position = spread(q)
     return State(
-        sine=tuple(table.apply(Op.SIN, q) for q in position),
-        cosine=tuple(table.apply(Op.COS, q) for q in position),
+        sine=tuple(algebra.table.apply(Op.SIN, angle) for angle in position),
+        cosine=tuple(algebra.table.apply(Op.COS, angle) for angle in position),
         position=position,
-        velocity=velocity,
-        acceleration=acceleration,
+        velocity=spread(dq),
+        acceleration=spread(ddq),
     )

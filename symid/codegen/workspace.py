@@ -7,10 +7,11 @@ A coordinate that is not an input of the function is zero: gravity is inverse dy
 Supported: rigid robots, symbolic lengths with a value.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from symid.algebra.exact import find_symbols
+from symid.algebra.scalar import spread_coordinates
 from symid.codegen.functions import FunctionSpec
 from symid.codegen.value_algebra import ValueAlgebra, build_value_state
 from symid.codegen.values import ValueTable
@@ -30,7 +31,7 @@ Build = Callable[["Workspace"], tuple[Elements, ...]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Workspace:
-    """Inputs as references, one a joint or parameter, and the recursion over them.
+    """Inputs as references, one a coordinate or parameter, and the recursion over them.
 
     `inputs` holds every vector a route may ask for, zeros where the function has no such input;
     `parameters` the base parameters as sparse link parameters.
@@ -60,9 +61,13 @@ class Workspace:
         """Return one zero per joint."""
         return (self.recursion.algebra.zero,) * self.robot.size
 
+    def spread(self, values: Sequence[int]) -> tuple[int, ...]:
+        """Return the values of the joints from those of the coordinates."""
+        return spread_coordinates(self.robot, self.recursion.algebra, values)[: self.robot.size]
+
     def move(self, velocity: tuple[int, ...]) -> "Workspace":
-        """Return the same workspace at other velocities."""
-        state = replace(self.recursion.state, velocity=velocity)
+        """Return the same workspace at other velocities of the coordinates."""
+        state = replace(self.recursion.state, velocity=self.spread(velocity))
         recursion = build_recursion(self.robot, self.recursion.algebra, state)
         return replace(self, inputs={**self.inputs, "dq": velocity}, recursion=recursion, built={})
 
@@ -93,18 +98,18 @@ def build_workspace(robot: Robot, base: BaseParameters, spec: FunctionSpec) -> W
     """Return a new workspace for the function `spec`."""
     table = ValueTable()
     zero = table.constant(0.0)
-    per_joint = ("q", "dq", "ddq", "dqr", "ddqr", "tau")
-    sizes = {**dict.fromkeys(per_joint, robot.size), "beta": base.count, "f": len(base.friction)}
+    moving = ("q", "dq", "ddq", "dqr", "ddqr", "tau")
+    sizes = {**dict.fromkeys(moving, robot.freedom), base.vector: base.count, "f": len(base.friction)}
     inputs = {name: (zero,) * size for name, size in sizes.items()}
     for number, port in enumerate(spec.inputs):
         inputs[port.name] = tuple(table.input(number, element) for element in range(port.size))
-    state = build_value_state(table, inputs["q"], inputs["dq"], inputs["ddq"])
     algebra = ValueAlgebra(table, dict(robot.symbols))
+    state = build_value_state(robot, algebra, inputs["q"], inputs["dq"], inputs["ddq"])
     return Workspace(
         base=base,
         table=table,
         algebra=algebra,
         inputs=inputs,
         recursion=build_recursion(robot, algebra, state),
-        parameters=dict(zip(base.keys, inputs["beta"], strict=True)),
+        parameters=dict(zip(base.keys, inputs[base.vector], strict=True)),
     )

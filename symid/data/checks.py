@@ -31,7 +31,7 @@ _MANY_TURNS = 4.0 * np.pi
 def check_recording(recording: Recording, robot: Robot) -> tuple[Notice, ...]:
     """Return what a reader of an identification from this recording should know first."""
     found = list(_check_time(recording.time))
-    for index, joint in enumerate(robot.joints):
+    for index, joint in enumerate(robot.axes):
         position, torque = recording.position[:, index], recording.torque[:, index]
         found += _check_position(position, joint)
         found += _check_torque(torque, joint)

@@ -12,7 +12,7 @@ import numpy as np
 
 from symid.arrays import FloatArray
 from symid.errors import LogError, Notice
-from symid.robot.description import Decimation, Processing
+from symid.robot.log_map import Decimation, Processing
 
 __all__ = ["decimate", "differentiate", "find_noise_band", "find_pad_length", "low_pass"]
 

@@ -26,7 +26,8 @@ from symid.data.scales import (
     look_up_unit,
 )
 from symid.data.table import RawLog
-from symid.robot.description import LogQuantity, Robot
+from symid.robot.description import Robot
+from symid.robot.log_map import LogQuantity
 
 __all__ = ["DEFAULT_NAMES", "find_quantity", "find_time"]
 
@@ -83,16 +84,16 @@ def find_quantity(
         array = _orient(array, samples, name, names, findings)
     if array is None:
         return None, names
-    if array.shape[1] != robot.size:
-        text = f"{name} has {array.shape[1]} columns ({join_names(names)}), the robot {robot.size} joints"
+    if array.shape[1] != robot.freedom:
+        text = f"{name} has {array.shape[1]} columns ({join_names(names)}), the robot {robot.freedom} joints"
         findings.refuse("log.joint-count", text)
         return None, names
     unit = choose_unit(raw, names, asked, "SI", findings)
-    scale = find_scale(name, unit, asked, robot.joints, findings)
+    scale = find_scale(name, unit, asked, robot.axes, findings)
     if scale is None:
         return None, names
-    if np.any(scale != 1.0) or is_motor_side(asked) or is_other_dimension(name, unit, robot.joints):
-        text = describe_scale(name, unit, scale, asked, robot.joints)
+    if np.any(scale != 1.0) or is_motor_side(asked) or is_other_dimension(name, unit, robot.axes):
+        text = describe_scale(name, unit, scale, asked, robot.axes)
         findings.remark("log.converted", f"{name}: {join_names(names)} {text}")
     return array * scale, names
 

@@ -23,7 +23,8 @@ from symid.data.recording import Recording
 from symid.data.signals import describe_too_short, describe_uneven, find_least_samples, settle_processing
 from symid.data.table import RawLog, refuse_file
 from symid.errors import LogError
-from symid.robot.description import Processing, Robot
+from symid.robot.description import Robot
+from symid.robot.log_map import Processing
 
 __all__ = ["READERS", "read_recording"]
 

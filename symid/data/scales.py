@@ -12,7 +12,8 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.data.findings import Findings
 from symid.data.table import RawLog
-from symid.robot.description import Joint, JointKind, LogQuantity
+from symid.robot.description import Joint, JointKind
+from symid.robot.log_map import LogQuantity
 from symid.units import find_unit_factor, nearest_units
 
 __all__ = [

@@ -19,7 +19,7 @@ from symid.arrays import FloatArray
 from symid.data.filters import decimate, differentiate, find_pad_length, low_pass
 from symid.data.recording import Recording, Signals
 from symid.errors import LogError, Notice
-from symid.robot.description import Decimation, Processing
+from symid.robot.log_map import Decimation, Processing
 
 __all__ = [
     "decimate_columns",

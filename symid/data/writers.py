@@ -72,7 +72,7 @@ def _list_quantities(recording: Recording) -> list[tuple[str, FloatArray]]:
 
 
 def _find_units(name: str, robot: Robot) -> tuple[str, ...]:
-    return tuple(find_unit(name, prismatic=joint.kind is JointKind.PRISMATIC) for joint in robot.joints)
+    return tuple(find_unit(name, prismatic=joint.kind is JointKind.PRISMATIC) for joint in robot.axes)
 
 
 def _write_npz(stream: IO[bytes], recording: Recording, robot: Robot) -> None:

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 
 from symid.algebra.scalar import Algebra, T
 from symid.algebra.vectors import Matrix, Vector, add, dot, multiply_matrices, scale
+from symid.dynamics.drives import add_drive_inertia
 from symid.dynamics.kinematics import Frame, Recursion, lift_vector
 from symid.dynamics.screws import carry_screws, find_axis_screws
 from symid.dynamics.wrenches import Meeting, Wrench, project_wrench
@@ -93,7 +94,7 @@ def _add_bodies(algebra: Algebra[T], left: Body[T], right: Body[T]) -> Body[T]:
 def find_mass_matrix(
     recursion: Recursion[T], parameters: Parameters[T], *, meet: Meeting | None = None
 ) -> tuple[tuple[T, ...], ...]:
-    """Return the mass matrix, rotor inertias on its diagonal (composite bodies, Walker and Orin 1982).
+    """Return the mass matrix, rotor inertias included (composite bodies, Walker and Orin 1982).
 
     Args:
         recursion: the robot in its position.
@@ -115,11 +116,10 @@ def find_mass_matrix(
         else:
             wrench = Wrench(force=(zero, zero, mass), moment=(my, algebra.neg(mx), zero))
         entries = project_wrench(recursion, joint, wrench, screws, meet(joint) if meet else -1)
-        entries[joint] = algebra.add(entries[joint], parameters.get((joint, "IA"), zero))
         for other in range(joint + 1):
             matrix[joint][other] = matrix[other][joint] = entries[other]
         parent = robot.joints[joint].parent
         if parent >= 0:
             lifted = lift_body(algebra, frames[joint], bodies[joint])
             bodies[parent] = _add_bodies(algebra, bodies[parent], lifted)
-    return tuple(tuple(row) for row in matrix)
+    return add_drive_inertia(recursion, matrix, parameters)

@@ -25,6 +25,7 @@ __all__ = [
     "build_frames",
     "build_recursion",
     "find_jacobian",
+    "find_link_poses",
     "find_motions",
     "find_poses",
     "find_turn",
@@ -119,16 +120,20 @@ def lift_vector(algebra: Algebra[T], frame: Frame[T], vector: Vector[T]) -> Vect
 
 
 def find_motions(
-    robot: Robot, algebra: Algebra[T], frames: tuple[Frame[T], ...], velocity: tuple[T, ...]
+    robot: Robot,
+    algebra: Algebra[T],
+    frames: tuple[Frame[T], ...],
+    velocity: tuple[T, ...],
+    base: Motion[T] | None = None,
 ) -> tuple[Motion[T], ...]:
-    """Return the motion of every link.
+    """Return the motion of every link; the base is at rest under the robot's gravity unless `base` is given.
 
     w_j = R' w_p + z dq_j;  v_j = R' (v_p + w_p x r) (+ z dq_j if prismatic);  R from link to parent.
     Luh, Walker and Paul 1980, without accelerations; height by -g' r, summed along the chain.
     """
     zero = algebra.zero
     gravity = tuple(algebra.constant(value) for value in robot.gravity)
-    base = Motion(
+    root = base or Motion(
         angular=(zero, zero, zero),
         linear=(zero, zero, zero),
         gravity=(gravity[0], gravity[1], gravity[2]),
@@ -136,7 +141,7 @@ def find_motions(
     )
     motions: list[Motion[T]] = []
     for joint, frame, dq in zip(robot.joints, frames, velocity, strict=True):
-        parent = motions[joint.parent] if joint.parent >= 0 else base
+        parent = motions[joint.parent] if joint.parent >= 0 else root
         carried = add(algebra, parent.linear, cross(algebra, parent.angular, frame.origin))
         angular = lower_vector(algebra, frame, parent.angular)
         linear = lower_vector(algebra, frame, carried)
@@ -191,15 +196,32 @@ def find_poses(recursion: Recursion[T]) -> tuple[Pose[T], ...]:
     return tuple(poses)
 
 
+def find_link_poses(recursion: Recursion[T]) -> tuple[Pose[T], ...]:
+    """Return the frame that the robot file gives to every link (`Joint.frame`) in the base frame."""
+    algebra = recursion.algebra
+    result = []
+    for joint, pose in zip(recursion.robot.joints, find_poses(recursion), strict=True):
+        rows = [[algebra.constant(value) for value in row] for row in joint.frame.rotation]
+        turn: Matrix[T] = (
+            (rows[0][0], rows[0][1], rows[0][2]),
+            (rows[1][0], rows[1][1], rows[1][2]),
+            (rows[2][0], rows[2][1], rows[2][2]),
+        )
+        x, y, z = (algebra.constant(value) for value in joint.frame.translation)
+        origin = add(algebra, pose.origin, multiply(algebra, pose.rotation, (x, y, z)))
+        result.append(Pose(rotation=multiply_matrices(algebra, pose.rotation, turn), origin=origin))
+    return tuple(result)
+
+
 def find_jacobian(recursion: Recursion[T]) -> tuple[tuple[T, ...], ...]:
-    """Return the geometric Jacobian (6, n) of the last link frame in base axes, linear rows first.
+    """Return the geometric Jacobian (6, joints) of the file's last link frame, base axes, linear rows first.
 
     Column of joint j on the path to the last link: (z_j x (p_n - p_j), z_j), or (z_j, 0) if prismatic.
     """
     robot, algebra, poses = recursion.robot, recursion.algebra, find_poses(recursion)
     zero = algebra.zero
     columns: list[tuple[T, ...]] = [(zero,) * 6] * robot.size
-    tip = poses[-1].origin
+    tip = find_link_poses(recursion)[-1].origin
     index = robot.size - 1
     while index >= 0:
         pose = poses[index]

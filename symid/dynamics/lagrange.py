@@ -1,7 +1,7 @@
 """The Lagrangian forms, derived from the energy: momentum, dL/dq and torque, exactly.
 
 Input: a robot. Output: `ExactEnergy`, polynomials of kinetic and potential energy per standard parameter,
-and what follows from them by differentiation alone:
+and what follows from them by differentiation by the coordinates alone:
 
     p = dT/ddq,    tau = dp/dt - dT/dq + dV/dq    (Lagrange).
 
@@ -18,6 +18,7 @@ from typing import Any
 from sympy.polys.rings import PolyElement
 
 from symid.algebra.exact import ExactAlgebra, build_exact_algebra, build_exact_state, differentiate
+from symid.dynamics.drives import find_drive_energy, list_drive_parameters
 from symid.dynamics.energy import find_energy_rows
 from symid.dynamics.kinematics import build_recursion
 from symid.dynamics.regressors import Columns, Key
@@ -53,29 +54,28 @@ def derive_energy(robot: Robot) -> ExactEnergy:
     """Return the exact energy regressors of all standard parameters (Gautier and Khalil 1988)."""
     algebra = build_exact_algebra(robot)
     state = build_exact_state(robot, algebra)
-    motions = build_recursion(robot, algebra, state).motions
+    recursion = build_recursion(robot, algebra, state)
     kinetic: dict[Key, PolyElement] = {}
     potential: dict[Key, PolyElement] = {}
-    for link, (joint, motion) in enumerate(zip(robot.joints, motions, strict=True)):
+    for link, motion in enumerate(recursion.motions):
         rows = find_energy_rows(algebra, motion)
         for index, name in enumerate(INERTIAL):
             kinetic[link, name] = rows.kinetic[index]
             potential[link, name] = rows.potential[index]
-        if joint.drive.has_rotor:
-            kinetic[link, "IA"] = algebra.half(state.velocity[link] ** 2)
-            potential[link, "IA"] = algebra.zero
+    for key in list_drive_parameters(robot):
+        kinetic[key], potential[key] = find_drive_energy(recursion, key)
     return ExactEnergy(robot=robot, algebra=algebra, kinetic=kinetic, potential=potential)
 
 
 def derive_momentum_columns(energy: ExactEnergy, keys: Sequence[Key]) -> Columns[PolyElement]:
     """Return p = dT/ddq per unit of each parameter."""
-    rates = [energy.algebra.generator(f"dq{k + 1}") for k in range(energy.robot.size)]
+    rates = [energy.algebra.generator(f"dq{k + 1}") for k in energy.robot.coordinates]
     return {key: [energy.kinetic[key].diff(rate) for rate in rates] for key in keys}
 
 
 def derive_lagrange_columns(energy: ExactEnergy, keys: Sequence[Key]) -> Columns[PolyElement]:
     """Return dL/dq = dT/dq - dV/dq per unit of each parameter."""
-    joints = range(energy.robot.size)
+    joints = energy.robot.coordinates
     return {
         key: [
             differentiate(energy.robot, energy.algebra, energy.kinetic[key] - energy.potential[key], k)
@@ -90,12 +90,12 @@ def derive_torque_columns(energy: ExactEnergy, keys: Sequence[Key]) -> Columns[P
     algebra, robot = energy.algebra, energy.robot
     momenta = derive_momentum_columns(energy, keys)
     forces = derive_lagrange_columns(energy, keys)
-    rates = [algebra.generator(f"dq{k + 1}") for k in range(robot.size)]
-    accelerations = [algebra.generator(f"ddq{k + 1}") for k in range(robot.size)]
+    rates = {k: algebra.generator(f"dq{k + 1}") for k in robot.coordinates}
+    accelerations = {k: algebra.generator(f"ddq{k + 1}") for k in robot.coordinates}
 
     def time_derivative(value: PolyElement) -> PolyElement:
         result = algebra.zero
-        for j in range(robot.size):
+        for j in robot.coordinates:
             result += (
                 differentiate(robot, algebra, value, j) * rates[j] + value.diff(rates[j]) * accelerations[j]
             )
@@ -124,25 +124,30 @@ def _gradient(polynomial: PolyElement, point: Sequence[Any]) -> dict[int, Any]:
 def _generator_rates(
     energy: ExactEnergy, values: Mapping[str, Any]
 ) -> tuple[list[Any], list[Any], list[list[tuple[int, Any]]]]:
-    """Return the point, the time derivative of each generator, and d(generator)/dq_k as sparse columns."""
+    """Return the point, the time derivative of each generator, and d(generator)/dq as sparse columns."""
     names = [str(symbol) for symbol in energy.algebra.ring.symbols]
     point = [values[name] for name in names]
     rates = [0 * point[0]] * len(names)
-    by_joint: list[list[tuple[int, Any]]] = []
-    for k, joint in enumerate(energy.robot.joints):
+    robot, convert = energy.robot, energy.algebra.ring.domain.convert
+    by_coordinate: list[list[tuple[int, Any]]] = [[] for _ in robot.coordinates]
+    for k, joint in enumerate(robot.joints):
         number = str(k + 1)
-        rates[names.index("dq" + number)] = values["ddq" + number]
-        if joint.kind is JointKind.PRISMATIC:
-            column = [(names.index("q" + number), values["dq" + number] ** 0)]
-        else:
-            column = [
-                (names.index("s" + number), values["c" + number]),
-                (names.index("c" + number), -values["s" + number]),
-            ]
+        ((position, multiplier),) = robot.transmission[k]
+        factor = convert(multiplier.numerator) / convert(multiplier.denominator)
+        slopes = {}
+        if joint.kind is JointKind.REVOLUTE:
+            slopes = {
+                "s" + number: factor * values["c" + number],
+                "c" + number: -factor * values["s" + number],
+            }
+        if "q" + number in names:
+            slopes["q" + number] = factor
+        by_coordinate[position] += [(names.index(name), slope) for name, slope in slopes.items()]
+    for k, column in zip(robot.coordinates, by_coordinate, strict=True):
+        rates[names.index(f"dq{k + 1}")] = values[f"ddq{k + 1}"]
         for index, slope in column:
-            rates[index] = slope * values["dq" + number]
-        by_joint.append(column)
-    return point, rates, by_joint
+            rates[index] = slope * values[f"dq{k + 1}"]
+    return point, rates, by_coordinate
 
 
 def evaluate_torque_columns(
@@ -155,13 +160,13 @@ def evaluate_torque_columns(
         keys: the parameters wanted.
         values: a number of the ring's field for each generator; s^2 + c^2 = 1 must hold.
     """
-    point, rates, by_joint = _generator_rates(energy, values)
+    point, rates, by_coordinate = _generator_rates(energy, values)
     momenta = derive_momentum_columns(energy, keys)
     result: Columns[Any] = {}
     for key in keys:
         slope = _gradient(energy.kinetic[key] - energy.potential[key], point)
         entries = []
-        for k, column in enumerate(by_joint):
+        for k, column in enumerate(by_coordinate):
             change = _gradient(momenta[key][k], point)
             entry = sum((part * rates[index] for index, part in change.items()), 0 * point[0])
             entries.append(entry - sum(slope[index] * factor for index, factor in column if index in slope))

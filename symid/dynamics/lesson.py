@@ -15,12 +15,17 @@ from sympy import Add, Expr, Symbol, latex
 from sympy.polys.rings import PolyElement
 
 from symid.algebra.display import write_latex, write_text
-from symid.algebra.exact import build_exact_state, find_domain, find_symbols
+from symid.algebra.exact import build_exact_state, find_domain
 from symid.algebra.points import PointAlgebra, build_point_state
 from symid.dynamics.base import BaseParameters, find_base_parameters
+from symid.dynamics.drives import DRIVE
+from symid.dynamics.folding import fold_vector
+from symid.dynamics.harmonics import build_basis, find_power, split_polynomial
 from symid.dynamics.kinematics import Motion, build_recursion
+from symid.dynamics.labels import write_label
 from symid.dynamics.lagrange import ExactEnergy, derive_energy, derive_torque_columns, evaluate_torque_columns
 from symid.dynamics.regressors import Key, find_torque_columns
+from symid.dynamics.transport import find_field
 from symid.errors import Notice, SymidError
 from symid.notation import INERTIAL
 from symid.robot.description import JointKind, Robot
@@ -115,7 +120,7 @@ def _describe_energy(energy: ExactEnergy, base: BaseParameters) -> Step:
 def _check_grouping(energy: ExactEnergy, base: BaseParameters) -> str:
     """Return the statement that h pi = h_b K pi holds, coefficient by coefficient, once it was found true."""
     ring = energy.algebra.ring
-    coordinates = len(ring.gens) - len(find_symbols(energy.robot))
+    basis = build_basis(energy.robot, energy.algebra, find_field(energy.robot))
     rest = dict(energy.kinetic), dict(energy.potential)
     for parameter in base.parameters:
         for label, coefficient in parameter.terms:
@@ -125,18 +130,22 @@ def _check_grouping(energy: ExactEnergy, base: BaseParameters) -> str:
             for part, source in zip(rest, (energy.kinetic, energy.potential), strict=True):
                 part[label] -= energy.algebra.mul(factor, source[parameter.label])
     # A potential that no coordinate changes, as of a link that stays up, is no information.
+    constant = find_power(basis)
     lost = [
-        label for part in rest for label, value in part.items() if any(any(m[:coordinates]) for m in value)
+        label
+        for part in rest
+        for label, value in part.items()
+        if any(function != constant for function in split_polynomial(basis, value))
     ]
     _require(not lost, f"the grouping loses {lost}")
     return "verified exactly: energy per standard parameter = energy per base parameter times the grouping"
 
 
-def _describe_base(base: BaseParameters) -> Step:
+def _describe_base(robot: Robot, base: BaseParameters) -> Step:
     formulas = tuple(
-        Formula(left=p.name, text=p.expression, latex=_write_group(p.terms)) for p in base.parameters
+        Formula(left=p.name, text=p.expression, latex=_write_group(robot, p.terms)) for p in base.parameters
     )
-    total = sum(name in (*INERTIAL, "IA") for _, name in base.labels)
+    total = sum(name in (*INERTIAL, *DRIVE) for _, name in base.labels)
     return Step(
         title="Base parameters",
         sentence=f"Of {total} inertial parameters only {base.count} combinations can be seen in any motion.",
@@ -144,28 +153,28 @@ def _describe_base(base: BaseParameters) -> Step:
     )
 
 
-def _write_group(terms: Sequence[tuple[Key, Expr]]) -> str:
+def _write_group(robot: Robot, terms: Sequence[tuple[Key, Expr]]) -> str:
     """Return a grouping in LaTeX, in its own order."""
-    products = [coefficient * Symbol(f"{name}{joint + 1}") for (joint, name), coefficient in terms]
+    products = [coefficient * Symbol(write_label(robot, label)) for label, coefficient in terms]
     return str(latex(Add(*products, evaluate=False), order="none"))
 
 
 def _describe_torques(robot: Robot, energy: ExactEnergy, base: BaseParameters) -> Step:
-    written = robot.size <= _WRITTEN_OUT
+    written = robot.freedom <= _WRITTEN_OUT
     sentence = "Lagrange: tau = d/dt(dT/ddq) - dT/dq + dV/dq, per base parameter, from the energy alone."
     if not written:
         sentence += " The expressions fill pages at this size and are not printed; generated code holds them."
         return Step(title="Torques", sentence=sentence, check=_check_at_point(robot, energy, base.keys))
     columns = derive_torque_columns(energy, base.keys)
     formulas = [
-        _formula(f"dtau{joint + 1}/d{parameter.name}", columns[parameter.label][joint])
-        for joint in range(robot.size)
+        _formula(f"dtau{joint + 1}/d{parameter.name}", columns[parameter.label][position])
+        for position, joint in enumerate(robot.coordinates)
         for parameter in base.parameters
-        if columns[parameter.label][joint]
+        if columns[parameter.label][position]
     ]
     state = build_exact_state(robot, energy.algebra)
     other = find_torque_columns(build_recursion(robot, energy.algebra, state), base.keys)
-    same = all(list(other[key]) == list(columns[key]) for key in base.keys)
+    same = all(fold_vector(robot, energy.algebra, other[key]) == tuple(columns[key]) for key in base.keys)
     _require(same, "Lagrange and Newton-Euler give different polynomials")
     check = "verified exactly: the same polynomials as by the Newton-Euler recursion"
     return Step(title="Torques", sentence=sentence, formulas=tuple(formulas), check=check)
@@ -192,9 +201,9 @@ def _check_at_point(robot: Robot, energy: ExactEnergy, keys: Sequence[Key]) -> s
     from_energy = evaluate_torque_columns(energy, keys, values)
     algebra = PointAlgebra(energy.algebra.ring.domain, values)
     by_recursion = find_torque_columns(
-        build_recursion(robot, algebra, build_point_state(robot, values)), keys
+        build_recursion(robot, algebra, build_point_state(robot, algebra, values)), keys
     )
-    same = all(list(by_recursion[key]) == list(from_energy[key]) for key in keys)
+    same = all(fold_vector(robot, algebra, by_recursion[key]) == tuple(from_energy[key]) for key in keys)
     _require(same, "Lagrange and Newton-Euler differ at a rational point")
     return "verified exactly at a rational point: equal to the Newton-Euler recursion"
 
@@ -206,7 +215,7 @@ def _write_steps(robot: Robot) -> Iterator[Step]:
     yield _describe_frames(robot)
     yield _describe_velocities(build_recursion(robot, energy.algebra, state).motions)
     yield _describe_energy(energy, base)
-    yield _describe_base(base)
+    yield _describe_base(robot, base)
     yield _describe_torques(robot, energy, base)
 
 

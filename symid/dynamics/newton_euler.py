@@ -6,12 +6,13 @@ Parameters are given as {(link, name): value}; a parameter that is not listed is
 costs nothing. With base parameters, the value of beta stands at its representative and all
 grouped parameters are left out: the torques are the same.
 
-Supported: trees of revolute and prismatic joints, rotor inertias reflected to the joint side.
+Supported: trees of revolute and prismatic joints, rotor inertias reflected to the joint side, springs.
 """
 
 from symid.algebra.scalar import Algebra, T
 from symid.algebra.vectors import Vector, add, cross, multiply, scale
 from symid.dynamics.composite import Body, Parameters, gather_body
+from symid.dynamics.drives import add_drive_torques
 from symid.dynamics.kinematics import Motion, Recursion, find_motions, lower_vector
 from symid.dynamics.wrenches import (
     Acceleration,
@@ -23,7 +24,6 @@ from symid.dynamics.wrenches import (
 from symid.robot.description import Robot
 
 __all__ = [
-    "add_rotors",
     "carry_down",
     "find_accelerations",
     "find_inverse_dynamics",
@@ -132,17 +132,6 @@ def carry_down(recursion: Recursion[T], wrenches: list[Wrench[T]]) -> list[T]:
     return torques
 
 
-def add_rotors(
-    recursion: Recursion[T], torques: list[T], parameters: Parameters[T], acceleration: tuple[T, ...]
-) -> tuple[T, ...]:
-    """Return the torques with what accelerates the rotors: IA ddq."""
-    algebra = recursion.algebra
-    return tuple(
-        algebra.add(torque, algebra.mul(parameters.get((joint, "IA"), algebra.zero), acceleration[joint]))
-        for joint, torque in enumerate(torques)
-    )
-
-
 def find_inverse_dynamics(recursion: Recursion[T], parameters: Parameters[T]) -> tuple[T, ...]:
     """Return the joint torques without friction (Luh, Walker and Paul 1980)."""
     algebra, motions = recursion.algebra, recursion.motions
@@ -151,7 +140,7 @@ def find_inverse_dynamics(recursion: Recursion[T], parameters: Parameters[T]) ->
         for link, acceleration in enumerate(find_accelerations(recursion))
     ]
     torques = carry_down(recursion, wrenches)
-    return add_rotors(recursion, torques, parameters, recursion.state.acceleration)
+    return add_drive_torques(recursion, torques, parameters, recursion.state.acceleration)
 
 
 def _find_momentum(algebra: Algebra[T], body: Body[T], angular: Vector[T], linear: Vector[T]) -> Wrench[T]:
@@ -189,4 +178,4 @@ def find_slotine_li_torques(
             ),
         )
         wrenches.append(add_wrenches(algebra, push, spin))
-    return add_rotors(recursion, carry_down(recursion, wrenches), parameters, acceleration)
+    return add_drive_torques(recursion, carry_down(recursion, wrenches), parameters, acceleration)

@@ -7,12 +7,13 @@ A wrench per unit parameter is carried from its link down the tree, the joints' 
 joint is their product. With `meet` None the wrench goes down to every joint (column recursion); where it
 names the link itself, all screws come up to it (axis projection).
 
-Supported: the ten standard parameters of each link and IA, the reflected rotor inertia.
+Supported: the ten standard parameters of each link, rotor inertias and springs.
 """
 
 from collections.abc import Callable, Sequence
 
 from symid.algebra.scalar import T
+from symid.dynamics.drives import DRIVE, find_drive_column
 from symid.dynamics.kinematics import Recursion, find_motions
 from symid.dynamics.newton_euler import find_reference_rates
 from symid.dynamics.screws import carry_screws, find_axis_screws, find_turned_screws
@@ -44,17 +45,14 @@ def _collect(
     recursion: Recursion[T],
     keys: Sequence[Key],
     link_wrench: Callable[[int, str], Wrench[T]],
-    rotor: Sequence[T],
+    drive: tuple[Sequence[T], int],
     meet: Meeting | None,
 ) -> Columns[T]:
-    """Return the columns of `keys`: wrenches projected on the axes; `rotor` per unit of IA."""
-    zeros = [recursion.algebra.zero] * recursion.robot.size
-    wrenches = {(link, name): link_wrench(link, name) for link, name in keys if name != "IA"}
+    """Return the columns of `keys`: wrenches projected on the axes; `drive` goes to `find_drive_column`."""
+    wrenches = {(link, name): link_wrench(link, name) for link, name in keys if name not in DRIVE}
     screws = carry_screws(recursion, find_axis_screws(recursion))
     columns = project_columns(recursion, wrenches, screws, meet)
-    for joint, name in keys:
-        if name == "IA":
-            columns[joint, name] = [*zeros[:joint], rotor[joint], *zeros[joint + 1 :]]
+    columns |= {key: find_drive_column(recursion, key, *drive) for key in keys if key[1] in DRIVE}
     return {key: columns[key] for key in keys}
 
 
@@ -67,7 +65,7 @@ def find_torque_columns(
         recursion,
         keys,
         lambda link, name: find_spin_wrench(recursion.algebra, name, spins[link]),
-        recursion.state.acceleration,
+        (recursion.state.acceleration, 1),
         meet,
     )
 
@@ -97,7 +95,7 @@ def find_slotine_li_columns(
         lambda link, name: find_slotine_li_wrench(
             algebra, name, motions[link], references[link], rates[link]
         ),
-        acceleration,
+        (acceleration, 1),
         meet,
     )
 
@@ -110,7 +108,7 @@ def find_momentum_columns(
         recursion,
         keys,
         lambda link, name: find_momentum(recursion.algebra, name, recursion.motions[link]),
-        recursion.state.velocity,
+        (recursion.state.velocity, 0),
         meet,
     )
 
@@ -124,17 +122,17 @@ def find_lagrange_columns(
     its joint's coordinate; -dV/dq_k the weight beyond joint k projected on its axis.
     """
     algebra, motions = recursion.algebra, recursion.motions
-    links = [key for key in keys if key[1] != "IA"]
+    links = [key for key in keys if key[1] not in DRIVE]
     momenta = {(link, name): find_momentum(algebra, name, motions[link]) for link, name in links}
     weights = {(link, name): find_gravity_wrench(algebra, name, motions[link]) for link, name in links}
     turned = carry_screws(recursion, find_turned_screws(recursion))
     axes = carry_screws(recursion, find_axis_screws(recursion))
     kinetic = project_columns(recursion, momenta, turned, meet)
     potential = project_columns(recursion, weights, axes, meet)
-    none = [algebra.zero] * recursion.robot.size
-    return {
-        key: [
-            algebra.add(a, b) for a, b in zip(kinetic.get(key, none), potential.get(key, none), strict=True)
-        ]
-        for key in keys
-    }
+    columns: Columns[T] = {}
+    for key in keys:
+        if key[1] in DRIVE:
+            columns[key] = find_drive_column(recursion, key, None, -1)
+        else:
+            columns[key] = [algebra.add(a, b) for a, b in zip(kinetic[key], potential[key], strict=True)]
+    return columns

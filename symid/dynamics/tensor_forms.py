@@ -6,14 +6,15 @@ Per unit of each parameter the inertial wrench of a link is an entry or a column
     XX: n = (dw_x, w_x w_z, -w_x w_y)       XY: n = (-U_zx, U_zy, w_x^2 - w_y^2)       and so on,
     MX: f = U x, n = x x a.
 
-Supported: trees of revolute and prismatic joints, rotor inertias reflected to the joint side.
+Supported: trees of revolute and prismatic joints, rotor inertias reflected to the joint side, springs.
 """
 
 from symid.algebra.scalar import Algebra, T
 from symid.algebra.vectors import Vector, add, cross, multiply, scale, total
 from symid.dynamics.composite import Body, Parameters, gather_body
+from symid.dynamics.drives import add_drive_torques
 from symid.dynamics.kinematics import Recursion
-from symid.dynamics.newton_euler import add_rotors, carry_down
+from symid.dynamics.newton_euler import carry_down
 from symid.dynamics.spins import Spin, find_spins
 from symid.dynamics.wrenches import Wrench
 from symid.notation import INERTIAL
@@ -84,4 +85,4 @@ def find_tensor_torques(recursion: Recursion[T], parameters: Parameters[T]) -> t
         for link, spin in enumerate(find_spins(recursion))
     ]
     torques = carry_down(recursion, wrenches)
-    return add_rotors(recursion, torques, parameters, recursion.state.acceleration)
+    return add_drive_torques(recursion, torques, parameters, recursion.state.acceleration)

@@ -148,18 +148,18 @@ def build_random_fourier(
     Positions, velocities and accelerations are looked at on a grid of 50 points per shortest period.
     """
     options = options or FourierOptions()
-    shape = (robot.size, options.harmonics)
+    shape = (robot.freedom, options.harmonics)
     # Amplitudes fall with the harmonic, so that no single one uses up the acceleration.
     weight = 1.0 / np.arange(1, options.harmonics + 1)
     draft = build_fourier(
         sines=rng.normal(size=shape) * weight,
         cosines=rng.normal(size=shape) * weight,
         base_frequency=options.base_frequency,
-        centre=np.zeros(robot.size),
+        centre=np.zeros(robot.freedom),
         duration=options.duration,
         ramp=options.ramp,
     )
-    bounds = [_find_bounds(joint, options) for joint in robot.joints]
+    bounds = [_find_bounds(joint, options) for joint in robot.axes]
     scale = _find_scale(draft, np.array([bound[1:] for bound in bounds]), options)
     return Trajectory(
         centre=np.array([bound[0] for bound in bounds]),

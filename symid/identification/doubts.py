@@ -19,7 +19,7 @@ from symid.identification.identifiability import Identifiability
 from symid.identification.regression import Fit
 from symid.identification.rows import Rows
 from symid.identification.statistics import find_group_scatter, find_inverse_root
-from symid.robot.description import Processing
+from symid.robot.log_map import Processing
 
 __all__ = [
     "find_block_deviations",

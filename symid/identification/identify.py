@@ -31,7 +31,7 @@ from symid.identification.preparation import prepare_rows
 from symid.identification.regression import ESTIMATORS, Fit
 from symid.identification.rows import ROW_KINDS, WINDOW, Rows, stack_rows
 from symid.identification.statistics import find_residuals
-from symid.robot.description import Processing
+from symid.robot.log_map import Processing
 
 __all__ = ["identify_parameters"]
 

@@ -15,7 +15,7 @@ from symid.data.signals import prepare_signals, settle_processing
 from symid.errors import IdentifiabilityError, LogError, Notice
 from symid.identification.identifiability import find_resting_joints, settle_joints
 from symid.identification.rows import Rows, build_rows, drop_groups, select_rows
-from symid.robot.description import Processing
+from symid.robot.log_map import Processing
 
 __all__ = ["prepare_rows"]
 

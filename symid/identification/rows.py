@@ -28,7 +28,7 @@ from symid.data.recording import Signals
 from symid.data.signals import decimate_columns
 from symid.errors import Notice, UsageError
 from symid.identification.quadrature import find_windows, integrate_windows
-from symid.robot.description import Processing
+from symid.robot.log_map import Processing
 
 __all__ = ["ROW_KINDS", "WINDOW", "Rows", "build_rows", "drop_groups", "select_rows", "stack_rows"]
 

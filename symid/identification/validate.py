@@ -21,7 +21,7 @@ from symid.identification.estimate import Estimate, Series, Validation
 from symid.identification.preparation import prepare_rows
 from symid.identification.rows import WINDOW, Rows
 from symid.identification.statistics import find_residuals
-from symid.robot.description import Processing
+from symid.robot.log_map import Processing
 
 __all__ = ["check_model", "find_digest", "find_window", "validate_estimate"]
 

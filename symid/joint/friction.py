@@ -11,9 +11,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
-from symid.robot.description import FrictionKind
+from symid.robot.description import FrictionKind, FrictionValues, Robot
 
-__all__ = ["FRICTION_MODELS", "FrictionAlgebra", "FrictionModel"]
+__all__ = ["FRICTION_MODELS", "FrictionAlgebra", "FrictionModel", "find_friction", "list_friction_parameters"]
 
 V = TypeVar("V")
 
@@ -115,3 +115,20 @@ FRICTION_MODELS: dict[FrictionKind, FrictionModel] = {
         ),
     )
 }
+
+
+def find_friction(robot: Robot, index: int) -> FrictionValues:
+    """Return the friction of a joint, or of a coupling (numbered behind the joints)."""
+    return (
+        robot.joints[index].friction if index < robot.size else robot.couplings[index - robot.size].friction
+    )
+
+
+def list_friction_parameters(robot: Robot) -> tuple[tuple[int, str], ...]:
+    """Return the labels of all friction parameters: joints first, then couplings."""
+    indices = range(robot.size + len(robot.couplings))
+    return tuple(
+        (index, name)
+        for index in indices
+        for name in FRICTION_MODELS[find_friction(robot, index).kind].parameters
+    )

@@ -5,31 +5,38 @@ every later stage starts from.
 
 Convention: link frame j has the joint's axis as its z axis (modified DH). `placement` is
 frame j seen from the parent's frame at q = 0; the joint then turns about z, or moves along it.
-Standard DH rows are converted, exactly, by the reader.
+Other conventions (standard DH, URDF) are converted, exactly, by their readers; `Joint.frame` keeps the
+frame that the file itself gives to the link.
 
-Supported: revolute and prismatic joints, chains and trees, a fixed base.
+Supported: revolute (continuous too) and prismatic joints, chains and trees, joints that follow another one
+(mimic), drives coupled to several joints, springs at joints, a fixed base. Fixed joints are gone: readers
+join their links.
 Not supported: closed loops, floating bases.
 """
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import Enum
+from fractions import Fraction
 
 from symid.errors import Notice, RobotError
 from symid.robot.geometry import IDENTITY, ZERO, Exact, Placement
+from symid.robot.log_map import LogMap, Processing
 
 __all__ = [
-    "Decimation",
+    "Coupling",
     "Drive",
+    "Elasticity",
     "FrictionKind",
     "FrictionValues",
     "Joint",
     "JointKind",
     "Limits",
-    "LogMap",
-    "LogQuantity",
-    "Processing",
+    "LinkForm",
+    "Mimic",
     "Robot",
+    "Spring",
 ]
 
 
@@ -84,11 +91,51 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Mimic:
+    """A joint that follows another one: q = multiplier * q of joint `master` (an index).
+
+    A constant offset belongs into the joint's placement; the master follows no other joint.
+    """
+
+    master: int
+    multiplier: Fraction
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spring:
+    """A linear spring at a joint, tau = stiffness * (q - rest): N m/rad and rad, or N/m and m."""
+
+    stiffness: float | None = None
+    rest: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Elasticity:
+    """A joint that gives between motor and link: `stiffness` of its spring (N m/rad or N/m), where known."""
+
+    stiffness: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkForm:
+    """A link whose values are symbols: mass, centre of mass, inertia xx xy xz yy yz zz about the latter.
+
+    Given in the frame that the file gives to the link (`Joint.frame`).
+    """
+
+    mass: Exact
+    com: tuple[Exact, Exact, Exact]
+    inertia: tuple[Exact, Exact, Exact, Exact, Exact, Exact]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Joint:
     """A joint with the link that it moves.
 
     `parent` is the index of the joint before it, -1 for the base, always less than its own index.
-    `inertial` holds XX XY XZ YY YZ ZZ MX MY MZ M about the link frame's origin, where known.
+    `inertial` holds XX XY XZ YY YZ ZZ MX MY MZ M about the link frame's origin, where known; `form` the
+    same in symbols, where the file writes symbols. `frame` is the link's frame of the file, seen from the
+    link frame used here.
     """
 
     name: str
@@ -99,70 +146,26 @@ class Joint:
     drive: Drive = field(default_factory=Drive)
     friction: FrictionValues = field(default_factory=FrictionValues)
     limits: Limits = field(default_factory=Limits)
+    mimic: Mimic | None = None
+    spring: Spring | None = None
+    elasticity: Elasticity | None = None
+    frame: Placement = IDENTITY
+    form: LinkForm | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LogQuantity:
-    """Where a quantity stands in a log.
+class Coupling:
+    """A drive that turns with several joints: its speed is the sum of factor * dq over `terms`.
 
-    `columns`: one name per joint, or one name of an array with a column per joint.
-    `unit`: of the logged numbers *after* multiplication by `factor` is not applied: the unit is
-    that of the raw column; `factor` (one per joint or one for all) turns raw SI into the quantity,
-    for example N/V for a motor command in volt. `side` is "joint" or "motor": where the quantity,
-    after `factor`, was measured; what is meant on the motor side is converted with the gear ratio.
+    `terms` holds (index of a joint, factor). Its rotor and friction act on all of them. `name` ends the
+    names of its parameters, as in IAm6.
     """
 
-    columns: tuple[str, ...]
-    unit: str
-    factor: tuple[float, ...] = (1.0,)
-    side: str = "joint"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LogMap:
-    """Which column of a log is what. A quantity that is None is looked up under its own name."""
-
-    time: LogQuantity | None = None
-    position: LogQuantity | None = None
-    velocity: LogQuantity | None = None
-    torque: LogQuantity | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Decimation:
-    """Zero-phase Chebyshev I low-pass and one sample in `factor`, applied alike to all columns.
-
-    `band` is the pass band's edge as a fraction of the new Nyquist frequency.
-    """
-
-    factor: int = 1
-    order: int = 8
-    ripple_db: float = 0.05
-    band: float = 0.8
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Processing:
-    """From a recording to states: zero-phase Butterworth, central differences, cut ends, decimation.
-
-    `filter_cutoff` in Hz, None for no filter; `filter_torque` whether the torque passes it too;
-    `drop_first`, `drop_last` samples cut off after differentiation; `standstill` the speed (rad/s or
-    m/s) below which a joint's rows are left out, because dry friction there is not a function of
-    velocity; `noise_freedom` what |e|^2 of m rows is divided by to get the variance of the noise, k
-    parameters fitted: "band" m b - k, b the part of the band that decimation lets pass (rows behind a
-    filter are not independent), "parameters" m - k, "one" m - 1, as some publications do;
-    `automatic` that a cut-off and a decimation that are not stated follow from the sample rate.
-    """
-
-    filter_order: int = 4
-    filter_cutoff: float | None = None
-    filter_torque: bool = False
-    drop_first: int = 0
-    drop_last: int = 0
-    standstill: float = 0.0
-    noise_freedom: str = "band"
-    automatic: bool = False
-    decimation: Decimation = field(default_factory=Decimation)
+    name: str
+    terms: tuple[tuple[int, Fraction], ...]
+    has_rotor: bool = False
+    rotor_inertia: float | None = None
+    friction: FrictionValues = field(default_factory=FrictionValues)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -170,9 +173,12 @@ class Robot:
     """A robot description: everything later stages need, nothing derived.
 
     `gravity` is the gravity vector in the base frame (m/s^2), `symbols` the values of
-    symbolic lengths (name, m), `convention` what the file stated, `path` where it was read.
-    `tip` is the frame at the end of the last link seen from the last link frame (what is left of
-    the last standard DH row), `notices` what a reader of the file should know and is no mistake.
+    symbols (name, SI), `convention` what the file stated, `path` where it was read.
+    `notices` is what a reader of the file should know and is no mistake.
+
+    Joints that follow no other have a coordinate each, in the order of the joints: `freedom` coordinates,
+    `axes` are those joints. Joints and couplings together are numbered through (joints first); the number
+    stands in the labels of their parameters.
     """
 
     name: str
@@ -185,34 +191,97 @@ class Robot:
     log: LogMap = field(default_factory=LogMap)
     processing: Processing = field(default_factory=Processing)
     path: str = ""
-    tip: Placement = IDENTITY
     notices: tuple[Notice, ...] = ()
+    couplings: tuple[Coupling, ...] = ()
 
     def __post_init__(self) -> None:
         """Check what every later stage relies on.
 
         Raises:
-            RobotError: no joints, a parent that does not come before its joint, a name given twice, or a
-                symbol that reads as a coordinate.
+            RobotError: no joints, a parent that does not come before its joint, a name given twice, a
+                symbol that reads as a coordinate, a master that follows another joint, a coupling that
+                names no joint.
         """
-        names = [joint.name for joint in self.joints]
-        mistakes = [] if names else ["a robot needs at least one joint"]
+        mistakes = [*_find_tree_mistakes(self), *_find_follower_mistakes(self)]
         mistakes += [
-            f"two joints are called {name!r}" for name in dict.fromkeys(names) if names.count(name) > 1
+            f"symbolic length {name!r} reads as a coordinate; call it L1, A2 or D3"
+            for name in _list_symbols(self)
+            if _COORDINATE.fullmatch(name)
         ]
-        for index, joint in enumerate(self.joints):
-            if not -1 <= joint.parent < index:
-                mistakes.append(f"joint {joint.name!r}: its parent must be the base (-1) or an earlier joint")
-        for name in _list_symbols(self):
-            if _COORDINATE.fullmatch(name):
-                mistakes.append(f"symbolic length {name!r} reads as a coordinate; call it L1, A2 or D3")
         if mistakes:
             raise RobotError(*(Notice(code="robot.invalid", text=text, file=self.path) for text in mistakes))
 
     @property
     def size(self) -> int:
-        """Return the number of joints."""
+        """Return the number of joints, those that follow another included."""
         return len(self.joints)
+
+    @property
+    def coordinates(self) -> tuple[int, ...]:
+        """Return the indices of the joints that have a coordinate of their own."""
+        return tuple(index for index, joint in enumerate(self.joints) if joint.mimic is None)
+
+    @property
+    def freedom(self) -> int:
+        """Return the number of coordinates."""
+        return len(self.coordinates)
+
+    @property
+    def axes(self) -> tuple[Joint, ...]:
+        """Return the joints that have a coordinate of their own."""
+        return tuple(joint for joint in self.joints if joint.mimic is None)
+
+    @property
+    def transmission(self) -> tuple[tuple[tuple[int, Fraction], ...], ...]:
+        """Return, for each joint and then each coupling, its speed as (position of coordinate, factor)."""
+        positions = {index: position for position, index in enumerate(self.coordinates)}
+        rows: list[tuple[tuple[int, Fraction], ...]] = []
+        for index, joint in enumerate(self.joints):
+            follow = joint.mimic or Mimic(master=index, multiplier=Fraction(1))
+            rows.append(((positions[follow.master], follow.multiplier),))
+        for coupling in self.couplings:
+            total: dict[int, Fraction] = {}
+            for index, factor in coupling.terms:
+                position, multiplier = rows[index][0]
+                total[position] = total.get(position, Fraction(0)) + factor * multiplier
+            rows.append(tuple(sorted((position, factor) for position, factor in total.items() if factor)))
+        return tuple(rows)
+
+    @property
+    def tip(self) -> Placement:
+        """Return the file's frame of the last link, seen from the last link frame."""
+        return self.joints[-1].frame
+
+
+def _find_tree_mistakes(robot: Robot) -> Iterator[str]:
+    names = [joint.name for joint in robot.joints]
+    if not names:
+        yield "a robot needs at least one joint"
+    for name in dict.fromkeys(names):
+        if names.count(name) > 1:
+            yield f"two joints are called {name!r}"
+    for index, joint in enumerate(robot.joints):
+        if not -1 <= joint.parent < index:
+            yield f"joint {joint.name!r}: its parent must be the base (-1) or an earlier joint"
+
+
+def _find_follower_mistakes(robot: Robot) -> Iterator[str]:
+    indices = range(len(robot.joints))
+    for joint in robot.joints:
+        if joint.mimic is None:
+            continue
+        master = joint.mimic.master
+        if master not in indices or robot.joints[master].mimic is not None:
+            yield f"joint {joint.name!r}: it must follow a joint that follows no other"
+        if not joint.mimic.multiplier:
+            yield f"joint {joint.name!r}: a multiplier of 0 makes it a fixed joint"
+    names = [coupling.name for coupling in robot.couplings]
+    for coupling in robot.couplings:
+        if names.count(coupling.name) > 1 or coupling.name.isdigit() or not coupling.name:
+            yield f"coupling {coupling.name!r}: it needs a name of its own that is no number"
+        inside = all(index in indices and factor for index, factor in coupling.terms)
+        if not coupling.terms or not inside:
+            yield f"coupling {coupling.name!r}: it must name joints of the robot, with factors that are not 0"
 
 
 def _list_symbols(robot: Robot) -> tuple[str, ...]:

@@ -32,8 +32,8 @@ def override_robot(robot: Robot, settings: Sequence[tuple[str, str]], friction: 
         robot: as read from its file.
         settings: pairs of a dotted key below `log` or `processing`, or "friction", and a value as
             in TOML; a text needs no quotes, a list no brackets.
-        friction: the name of a friction model for all joints. What the file knows of the values
-            is dropped wherever the model differs.
+        friction: the name of a friction model for all joints that follow no other. What the file knows
+            of the values is dropped wherever the model differs.
 
     Raises:
         UsageError: a key cannot be overridden, or there is no such friction model.
@@ -59,7 +59,7 @@ def override_robot(robot: Robot, settings: Sequence[tuple[str, str]], friction: 
 def _read_again(robot: Robot, values: Mapping[str, Any], places: Mapping[KeyPath, Place]) -> Robot:
     report = Report(Places(keys=places, values=places, whole=Place("--set", 0, 0)))
     root = Section(values=values, path=(), report=report)
-    log = read_log(root, robot.joints) if values["log"] else robot.log
+    log = read_log(root, robot.axes) if values["log"] else robot.log
     changed = replace(robot, log=log, processing=read_processing(root))
     if report.errors:
         raise RobotError(*report.notices())
@@ -127,7 +127,9 @@ def _replace_friction(robot: Robot, name: str) -> Robot:
         raise UsageError(Notice(code="usage.unknown-friction", text=text))
     kind = kinds[name]
     joints = tuple(
-        joint if joint.friction.kind is kind else replace(joint, friction=FrictionValues(kind=kind))
+        joint
+        if joint.friction.kind is kind or joint.mimic is not None
+        else replace(joint, friction=FrictionValues(kind=kind))
         for joint in robot.joints
     )
     return replace(robot, joints=joints)

@@ -199,7 +199,7 @@ def _build_control(
     if not (np.all(np.isfinite(inertia)) and np.all(inertia > 0.0)):
         raise SolverError(_describe_massless(robot))
     pole = 2.0 * np.pi * options.bandwidth
-    limits = [joint.limits.torque for joint in robot.joints]
+    limits = [joint.limits.torque for joint in robot.axes]
     return _Control(
         stiffness=np.array(options.stiffness) if options.stiffness else pole**2 * inertia,
         damping=np.array(options.damping) if options.damping else 2.0 * pole * inertia,
@@ -211,7 +211,7 @@ def _build_control(
 
 def _find_reach(robot: Robot, desired: FloatArray) -> FloatArray:
     """Return the positions (n,) that no joint reaches unless it ran away."""
-    bounds = [joint.limits.position for joint in robot.joints]
+    bounds = [joint.limits.position for joint in robot.axes]
     reach = np.array([_FAR * max(map(abs, bound)) if bound else _RUNAWAY for bound in bounds])
     furthest: FloatArray = np.maximum(reach, 2.0 * np.abs(desired).max(axis=0))
     return furthest
@@ -243,7 +243,7 @@ def _check_energy(
 
 
 def _check_sizes(robot: Robot, library: Library, trajectory: Trajectory, options: ExperimentOptions) -> None:
-    size = robot.size
+    size = robot.freedom
     problems = []
     if trajectory.size != size or library.card.size != size:
         problems.append(
@@ -271,7 +271,7 @@ def _say_saturation(robot: Robot, torque: FloatArray, control: _Control) -> tupl
             code="simulate.saturation",
             text=f"joint {joint.name!r} was at its torque limit during {100 * part:.1f} % of the run",
         )
-        for joint, part in zip(robot.joints, share.tolist(), strict=True)
+        for joint, part in zip(robot.axes, share.tolist(), strict=True)
         if part
     )
 

@@ -16,16 +16,10 @@ import numpy as np
 from symid.arrays import FloatArray, freeze
 from symid.codegen.functions import ModelCard, ParameterCard
 from symid.errors import Notice, UsageError
+from symid.joint.friction import FRICTION_MODELS
 from symid.robot.description import FrictionKind
 
 __all__ = ["FrictionLines", "find_friction_lines", "find_values"]
-
-_PARAMETERS = {
-    FrictionKind.NONE: 0,
-    FrictionKind.VISCOUS_COULOMB: 2,
-    FrictionKind.VISCOUS_COULOMB_OFFSET: 3,
-    FrictionKind.ASYMMETRIC: 4,
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -65,14 +59,26 @@ def find_friction_lines(card: ModelCard) -> FrictionLines:
     """Return the friction lines of the card's joints.
 
     Raises:
-        UsageError: values are missing, or friction would push: level_p < level_n, or a negative slope.
+        UsageError: values are missing, or friction would push: level_p < level_n, or a negative slope;
+            friction acts on several joints at once, or its offset is grouped with a weight.
     """
+    wanted = [
+        name for joint in card.joints for name in FRICTION_MODELS[FrictionKind(joint.friction)].parameters
+    ]
+    found = [parameter.name for parameter in card.friction]
+    if len(found) != len(wanted) or not all(map(str.startswith, found, wanted)):
+        text = (
+            f"robot {card.robot!r} has friction that is not of one joint alone (of a coupled drive, of a joint "
+            "that follows another, or an offset grouped with a weight); simulation cannot make such joints "
+            "stick: leave that friction out of the robot file"
+        )
+        raise UsageError(Notice(code="usage.shared-friction", text=text))
     values = find_values(card.friction, card.robot)
     viscous, level = np.zeros((3, card.size)), np.zeros((3, card.size))
     start = 0
     for index, joint in enumerate(card.joints):
         kind = FrictionKind(joint.friction)
-        own = values[start : start + _PARAMETERS[kind]]
+        own = values[start : start + len(FRICTION_MODELS[kind].parameters)]
         start += len(own)
         if kind is FrictionKind.ASYMMETRIC:
             viscous[1:, index], level[1:, index] = (own[0], own[2]), (own[1], -own[3])

@@ -53,16 +53,16 @@ def build_sensors(robot: Robot, options: SensorOptions) -> Sensors:
     if counts is not None and not 0.0 < counts < math.inf:
         text = f"counts per turn must be positive and finite, got {counts:g}"
         raise UsageError(Notice(code="usage.sensor-counts", text=text))
-    if len(noise) not in {1, robot.size} or not all(0.0 <= value < math.inf for value in noise):
+    if len(noise) not in {1, robot.freedom} or not all(0.0 <= value < math.inf for value in noise):
         text = (
-            f"torque noise: one number for all or {robot.size} numbers, "
+            f"torque noise: one number for all or {robot.freedom} numbers, "
             f"none negative, all finite; got {noise}"
         )
         raise UsageError(Notice(code="usage.sensor-noise", text=text))
-    turn = np.array([1.0 if joint.kind is JointKind.PRISMATIC else 2.0 * np.pi for joint in robot.joints])
+    turn = np.array([1.0 if joint.kind is JointKind.PRISMATIC else 2.0 * np.pi for joint in robot.axes])
     return Sensors(
-        step=np.zeros(robot.size) if counts is None else turn / counts,
-        noise=np.broadcast_to(np.array(noise, dtype=np.float64), (robot.size,)),
+        step=np.zeros(robot.freedom) if counts is None else turn / counts,
+        noise=np.broadcast_to(np.array(noise, dtype=np.float64), (robot.freedom,)),
     )
 
 

@@ -9,8 +9,9 @@ import pytest
 
 from symid.data.readers import read_recording
 from symid.data.signals import decimate_columns, prepare_signals
-from symid.robot.description import Decimation, Joint, JointKind, LogMap, LogQuantity, Processing, Robot
+from symid.robot.description import Joint, JointKind, Robot
 from symid.robot.geometry import IDENTITY
+from symid.robot.log_map import Decimation, LogMap, LogQuantity, Processing
 
 PROCESSING = Processing(
     filter_order=4,

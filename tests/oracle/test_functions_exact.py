@@ -47,7 +47,7 @@ def check(robot, seed):
     assert_close(kinetic, [float(evaluate(energy.kinetic[key], values)) for key in keys])
     assert_close(potential, [float(evaluate(energy.potential[key], values)) for key in keys])
     algebra = PointAlgebra(find_domain(robot), values)
-    recursion = build_recursion(robot, algebra, build_point_state(robot, values))
+    recursion = build_recursion(robot, algebra, build_point_state(robot, algebra, values))
 
     def stack(columns):
         return np.array([[float(entry) for entry in columns[key]] for key in keys]).T

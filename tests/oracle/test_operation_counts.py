@@ -7,8 +7,7 @@ symid reached, so that no change makes it worse unseen.
 import pytest
 
 from symid.codegen.routes import find_route_counts
-from symid.robot.toml import read_robot
-from tests.chains import PANDA, PUMA560, TWO_LINK
+from tests.chains import KR30, LWR4, PANDA, PUMA560, TWO_LINK, UR5
 
 PUBLISHED = {
     "2R": {"inverse_dynamics": (23, 15)},
@@ -138,24 +137,25 @@ REACHED = {
 }
 
 
+ROBOTS = {
+    "2R": TWO_LINK,
+    "PUMA560": PUMA560,
+    "KR30": KR30,
+    "LWR4+": LWR4,
+    "Panda": PANDA,
+    "UR5": UR5,
+}
+
+
 @pytest.fixture(scope="module")
-def counts(project):
-    folder = project / "tests" / "data" / "robots"
-    robots = {
-        "2R": TWO_LINK,
-        "PUMA560": PUMA560,
-        "KR30": read_robot(folder / "kr30.toml"),
-        "LWR4+": read_robot(folder / "lwr4.toml"),
-        "Panda": PANDA,
-        "UR5": read_robot(folder / "ur5.toml"),
-    }
+def counts():
     return {
         name: {
             count.function: (count.operations.mul, count.operations.add)
             for count in find_route_counts(robot)
             if count.chosen
         }
-        for name, robot in robots.items()
+        for name, robot in ROBOTS.items()
     }
 
 

@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 from symid.data.readers import read_recording
 from symid.data.recording import Recording
 from symid.data.writers import write_recording
-from symid.robot.description import Joint, JointKind, LogMap, LogQuantity, Robot
+from symid.robot.description import Joint, JointKind, Robot
 from symid.robot.geometry import IDENTITY
+from symid.robot.log_map import LogMap, LogQuantity
 from symid.units import UNITS, find_unit_factor
 
 NAMES = ["t", "q1", "q2", "q3", "tau1", "tau2", "tau3", "dq1", "dq2", "dq3", "extra"]

@@ -57,7 +57,7 @@ def assert_same(found, expected, tolerance, what):
 def check_routes(robot, seed):
     base = find_base_parameters(robot)
     inputs, _ = draw_inputs(robot, base, np.random.default_rng(seed))
-    for spec in find_specs(robot.size, base.count, len(base.friction)):
+    for spec in find_specs(robot.freedom, base.count, len(base.friction)):
         programs = build_route_programs(robot, base, spec)
         (first, reference), *others = [(name, run_program(p, inputs)) for name, p in programs.items()]
         tolerance = 1e-7 if spec.name in SOLVED else 1e-11
@@ -101,7 +101,7 @@ def test_all_routes_equal_pinocchio(robot):
         "bias": pin.nonLinearEffects(model, data, q, dq),
         "inverse_dynamics": pin.rnea(model, data, q, dq, ddq),
     }
-    for spec in find_specs(robot.size, base.count, len(base.friction)):
+    for spec in find_specs(robot.freedom, base.count, len(base.friction)):
         if spec.name in expected:
             for name, program in build_route_programs(robot, base, spec).items():
                 (found,) = run_program(program, inputs)

@@ -28,7 +28,7 @@ from symid.identification.identify import identify_parameters
 from symid.identification.storage import write_estimate
 from symid.identification.validate import validate_estimate
 from symid.report.identification import write_report
-from symid.robot.description import Processing
+from symid.robot.log_map import Processing
 from symid.robot.toml import read_robot
 from tests.recovery.closed_form import sample_states
 

@@ -17,7 +17,8 @@ from symid.codegen.cache import find_cache_folder, find_library_key, prepare_lib
 from symid.codegen.cache_folder import make_temporary_folder
 from symid.codegen.compiler import Compiler, compile_sources, find_compiler
 from symid.errors import GenerationError, OutputError
-from symid.robot.description import Limits, Processing
+from symid.robot.description import Limits
+from symid.robot.log_map import Processing
 from symid.robot.toml import read_robot
 
 NAMES = ("mass_matrix", "friction")

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from symid.robot.description import Drive, Joint, JointKind, LogMap, LogQuantity, Robot
+from symid.robot.description import Drive, Joint, JointKind, Robot
 from symid.robot.geometry import IDENTITY
+from symid.robot.log_map import LogMap, LogQuantity
 
 R, P = JointKind.REVOLUTE, JointKind.PRISMATIC
 

@@ -11,7 +11,7 @@ from symid.data.filters import decimate, differentiate, find_noise_band, low_pas
 from symid.data.recording import Recording
 from symid.data.signals import decimate_columns, find_least_samples, prepare_signals, settle_processing
 from symid.errors import LogError
-from symid.robot.description import Decimation, Processing
+from symid.robot.log_map import Decimation, Processing
 
 T = 1e-3
 TIMES = np.arange(4000) * T

@@ -8,7 +8,8 @@ from scipy.io import savemat
 
 from symid.data.readers import read_recording
 from symid.errors import LogError
-from symid.robot.description import Decimation, Drive, JointKind, Processing, Robot
+from symid.robot.description import Drive, JointKind, Robot
+from symid.robot.log_map import Decimation, Processing
 from symid.robot.toml import read_robot
 
 P = JointKind.PRISMATIC

@@ -12,7 +12,7 @@ from symid.identification.doubts import (
 from symid.identification.identifiability import find_identifiability
 from symid.identification.regression import fit_ols, fit_wls
 from symid.identification.rows import Rows
-from symid.robot.description import Decimation, Processing
+from symid.robot.log_map import Decimation, Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
 
 TENFOLD = Decimation(factor=10)

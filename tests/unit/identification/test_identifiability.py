@@ -9,7 +9,7 @@ from symid.identification.identifiability import find_identifiability, find_rest
 from symid.identification.identify import identify_parameters
 from symid.identification.regression import fit_ols, fit_wls
 from symid.identification.rows import Rows, build_rows
-from symid.robot.description import Processing
+from symid.robot.log_map import Processing
 from tests.recovery.closed_form import (
     ONE_AXIS_TRUTH,
     TWO_LINK_TRUTH,

@@ -7,7 +7,7 @@ from symid.errors import EstimateError, OutputError
 from symid.identification.identify import identify_parameters
 from symid.identification.storage import read_estimate, write_estimate, write_file
 from symid.identification.validate import validate_estimate
-from symid.robot.description import Processing
+from symid.robot.log_map import Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
 
 

@@ -13,7 +13,7 @@ from symid.report.figures import Line, build_histogram, build_line_figure, find_
 from symid.report.identification import ReportPage, build_report, write_report
 from symid.report.templates import find_variables, write_page
 from symid.report.verdict import find_verdict
-from symid.robot.description import Processing
+from symid.robot.log_map import Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
 
 SVG = "{http://www.w3.org/2000/svg}"
