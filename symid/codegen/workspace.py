@@ -17,6 +17,7 @@ from symid.codegen.value_algebra import ValueAlgebra, build_value_state
 from symid.codegen.values import ValueTable
 from symid.dynamics.base import BaseParameters, Label
 from symid.dynamics.kinematics import Recursion, build_recursion
+from symid.dynamics.leaves import hold_leaves
 from symid.dynamics.origins import find_shifts, shift_origins, shift_parameters
 from symid.errors import Notice, RobotError
 from symid.robot.description import Robot
@@ -77,6 +78,11 @@ class Workspace:
         algebra = self.recursion.algebra
         recursion = build_recursion(shift_origins(self.robot, shifts), algebra, self.recursion.state)
         parameters = shift_parameters(algebra, self.parameters, shifts)
+        return replace(self, recursion=recursion, parameters=parameters, built={})
+
+    def hold(self) -> "Workspace":
+        """Return the same workspace with the last links in axes that do not turn with them."""
+        recursion, parameters = hold_leaves(self.recursion, self.parameters)
         return replace(self, recursion=recursion, parameters=parameters, built={})
 
 
