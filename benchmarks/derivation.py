@@ -68,7 +68,7 @@ def list_robots() -> list[Robot]:
 def measure(robot: Robot) -> list[str]:
     """Return the cells of a robot's line."""
     base_time, base = clock(lambda: find_base_parameters(robot))
-    specs = find_specs(robot.freedom, base.count, len(base.friction))
+    specs = find_specs(robot, base)
     energy = "-"
     if robot.size <= LARGEST_ENERGY:
         energy = f"{clock(lambda: derive_energy(robot))[0]:.3f}"
