@@ -1,6 +1,7 @@
 """Robots for tests: chains and trees from a few numbers, and Pinocchio's model of any robot."""
 
 import dataclasses
+import operator
 from collections.abc import Sequence
 from fractions import Fraction
 
@@ -9,6 +10,9 @@ import pinocchio as pin
 from hypothesis import strategies as st
 from sympy import QQ
 
+from symid.codegen.instructions import Op, Program
+from symid.codegen.routes import ROUTES
+from symid.codegen.workspace import build_workspace
 from symid.notation import INERTIAL
 from symid.robot.description import (
     Coupling,
@@ -337,3 +341,79 @@ STANFORD = build_chain(
     name="stanford",
 )
 TWO_LINK = build_chain([(0.0, 0, 0, "q"), (0.0, 0.5, 0, "q")], gravity=("0", "-9.81", "0"), name="two_link")
+
+KR30 = build_chain(
+    [
+        (0.0, 0, 0.815, "q"),
+        (PI / 2, 0.35, 0, "q"),
+        (0.0, 0.85, 0, "q"),
+        (PI / 2, 0.145, 0.82, "q"),
+        (PI / 2, 0, 0, "q"),
+        (PI / 2, 0, -0.17, "q"),
+    ],
+    gravity=("0.3", "-0.5", "-9.7"),
+    name="kr30",
+)
+LWR4 = build_chain(
+    [
+        (0.0, 0, 0, "q"),
+        (PI / 2, 0, 0, "q"),
+        (-PI / 2, 0, 0.4, "q"),
+        (-PI / 2, 0, 0, "q"),
+        (PI / 2, 0, 0.39, "q"),
+        (PI / 2, 0, 0, "q"),
+        (-PI / 2, 0, 0, "q"),
+    ],
+    name="lwr4",
+)
+UR5 = build_chain(
+    [
+        (0.0, 0, 0.0892, "q"),
+        (PI / 2, 0, 0, "q"),
+        (0.0, -0.425, 0, "q"),
+        (0.0, -0.39225, 0.10915, "q"),
+        (PI / 2, 0, 0.09465, "q"),
+        (-PI / 2, 0, 0.0823, "q"),
+    ],
+    name="ur5",
+)
+
+_NUMERIC = {
+    Op.ADD: operator.add,
+    Op.SUB: operator.sub,
+    Op.MUL: operator.mul,
+    Op.DIV: operator.truediv,
+    Op.SIN: np.sin,
+    Op.COS: np.cos,
+    Op.ABS: np.abs,
+    Op.SIGN: np.sign,
+}
+
+
+def run_program(program, inputs):
+    """Return the outputs of a program as arrays of the ports' shapes, computed in double precision."""
+    values = [0.0]
+
+    def read(ref):
+        return values[ref] if ref > 0 else -values[-ref]
+
+    for instruction in program.instructions:
+        if instruction.op is Op.INPUT:
+            port, element = instruction.args
+            values.append(float(np.ravel(inputs[program.spec.inputs[port].name])[element]))
+        elif instruction.op is Op.CONSTANT:
+            values.append(instruction.constant)
+        else:
+            values.append(float(_NUMERIC[instruction.op](*map(read, instruction.args))))
+    ports = zip(program.spec.outputs, program.outputs, strict=True)
+    return [np.array([read(ref) for ref in refs], dtype=float).reshape(port.shape) for port, refs in ports]
+
+
+def build_route_programs(robot, base, spec):
+    """Return the program of every route to one function of the catalogue, by the route's name."""
+    workspace = build_workspace(robot, base, spec)
+    programs = {}
+    for name, build in ROUTES[spec.name].items():
+        instructions, outputs = workspace.table.collect(workspace.recall(build))
+        programs[name] = Program(spec=spec, instructions=instructions, outputs=outputs)
+    return programs

@@ -2,7 +2,8 @@
 
 Input: references to values and to what they are derived by. Output: references to the derivatives.
 
-Forward: one pass per direction; backward: one pass per value, all derivatives at once (Griewank and Walther 2008).
+Forward: one pass per direction; backward: one pass per value, all derivatives at once (Griewank and
+Walther 2008).
 
 Supported: sums, products, quotients, sine and cosine.
 Not supported: other operations on the way; they are refused by name.

@@ -7,7 +7,6 @@ Supported: everything the recursion and the friction models support.
 
 from symid.algebra.scalar import spread_coordinates
 from symid.codegen.outputs import lay_coordinates, lay_vector, line_up
-from symid.codegen.value_algebra import ValueAlgebra
 from symid.codegen.workspace import Elements, Workspace
 from symid.dynamics.kinematics import find_jacobian, find_link_poses
 from symid.joint.friction import FRICTION_MODELS, find_friction
@@ -32,7 +31,7 @@ def build_jacobian(workspace: Workspace) -> tuple[Elements, ...]:
 def _find_columns(workspace: Workspace) -> list[list[int]]:
     """Return the friction regressor by columns, each felt where its drive turns."""
     robot = workspace.robot
-    algebra = ValueAlgebra(workspace.table, dict(robot.symbols))
+    algebra = workspace.algebra
     speeds = spread_coordinates(robot, algebra, workspace.inputs["dq"])
     columns = []
     for parameter in workspace.base.friction:

@@ -87,6 +87,11 @@ def _shift(build: Build) -> Build:
     return lambda workspace: build(workspace.shift())
 
 
+def _hold(build: Build) -> Build:
+    """Return the route with the last links in axes that do not turn with them."""
+    return lambda workspace: build(workspace.hold())
+
+
 _MASS: Routes = {
     "composite bodies": build_mass_matrix,
     "composite bodies, meeting in the second link": build_mass_matrix_at(1),
@@ -97,6 +102,8 @@ _RECURSIONS: Routes = {
     "vector recursion": build_torques_by_vectors,
     "tensor recursion": build_torques_by_tensors,
     "tensor recursion, shifted origins": _shift(build_torques_by_tensors),
+    "tensor recursion, last links held": _hold(build_torques_by_tensors),
+    "tensor recursion, shifted origins, last links held": _shift(_hold(build_torques_by_tensors)),
 }
 _TORQUE: Routes = {
     **_RECURSIONS,

@@ -33,7 +33,7 @@ _RULES: Mapping[Op, Callable[..., ca.SX]] = {
     Op.LESS: lambda a, b: a < b,
     Op.LESS_EQUAL: lambda a, b: a <= b,
     Op.IS_ZERO: ca.logic_not,
-    Op.SELECT: lambda a, b: ca.if_else(a, b, 0),
+    Op.SELECT: lambda a, b: ca.if_else(a, b, ca.SX(0)),
 }
 
 
@@ -60,14 +60,14 @@ def _group(program: Program) -> list[tuple[Op, list[int]]]:
 class _Pool:
     """A column of all values so far, and where each reference stands in it."""
 
-    def __init__(self) -> None:
-        self.column = ca.SX(0, 1)
+    def __init__(self, size: int) -> None:
+        self.column = ca.SX.zeros(size)
         self.places: dict[int, int] = {}
 
     def append(self, numbers: Sequence[int], values: ca.SX) -> None:
         start = len(self.places)
         self.places.update((number, start + k) for k, number in enumerate(numbers))
-        self.column = ca.vertcat(self.column, values)
+        self.column[start : start + len(numbers)] = values
 
     def read(self, refs: Sequence[int]) -> ca.SX:
         values = self.column[[self.places[abs(ref)] for ref in refs]]
@@ -78,7 +78,7 @@ class _Pool:
 
 def _start(program: Program, inputs: Sequence[ca.SX]) -> _Pool:
     """Return the pool with the inputs and constants that the program reads."""
-    pool = _Pool()
+    pool = _Pool(len(program.instructions))
     rows = [ca.vec(value.T) for value in inputs]
     kinds: Mapping[Op, list[tuple[int, Instruction]]] = {Op.INPUT: [], Op.CONSTANT: []}
     for number, instruction in enumerate(program.instructions, start=1):
@@ -98,7 +98,7 @@ def _start(program: Program, inputs: Sequence[ca.SX]) -> _Pool:
 
 
 def build_function(program: Program) -> ca.Function:
-    """Return the SX function of `program`; a port of shape (n, k, m) is a matrix with n rows of k m elements."""
+    """Return the SX function of `program`; a port of shape (n, k, m) is a matrix of n rows, k m columns."""
     spec = program.spec
     inputs = [ca.SX.sym(port.name, *_find_extents(port)) for port in spec.inputs]
     pool = _start(program, inputs)

@@ -3,8 +3,8 @@
 Input: operations on references, in any order. Output: the instructions that the outputs need, or how
 many of each kind they need.
 
-Supported: merging of equal operations, folding of constants, 0, 1, -1 and 2, free negation, (a - b) + b = a,
-constant factors put together. These are the rules CasADi has, so that a program read back from it is the same.
+Supported: merging of equal operations, folding of constants, 0, 1, -1 and 2, free negation, constant
+factors put together, (a - b) + b = a. CasADi has these rules too: a program read back from it is the same.
 Not supported: rules that put sums together in another way.
 """
 
@@ -33,6 +33,7 @@ class ValueTable:
     def __init__(self) -> None:
         self._ops: list[Op] = []
         self._args: list[tuple[int, ...]] = []
+        self._sources: list[tuple[int, ...]] = []
         self._constants: dict[int, float] = {}
         self._sums: Pairs = {}
         self._differences: Pairs = {}
@@ -45,6 +46,7 @@ class ValueTable:
     def _append(self, op: Op, args: tuple[int, ...]) -> int:
         self._ops.append(op)
         self._args.append(args)
+        self._sources.append(() if op is Op.INPUT else args)
         return len(self._ops)
 
     def _intern(self, op: Op, args: tuple[int, ...]) -> int:
@@ -76,7 +78,7 @@ class ValueTable:
         return self._intern(Op.INPUT, (port, element))
 
     def _find_rest(self, whole: int, part: int) -> int:
-        """Return what remains of the sum `whole` when `part` takes one of its terms away, 0 if it does not."""
+        """Return what remains of the sum `whole` when `part` takes one of its terms away, else 0."""
         number = abs(whole)
         op = self._ops[number - 1]
         if op is not Op.ADD and op is not Op.SUB:
@@ -103,6 +105,17 @@ class ValueTable:
                 return self._constants[factor], other if ref > 0 else -other
         return None
 
+    def _simplify_sum(self, left: int, right: int) -> int:
+        """Return a simpler form of left + right, 0 if there is none."""
+        a, b = self._find_constant(left), self._find_constant(right)
+        if a is not None and b is not None:
+            return self.constant(a + b)
+        rest = self._find_rest(left, right) or self._find_rest(right, left)
+        if rest or left != right:
+            return rest
+        split = self._split_constant(left)
+        return self.mul(self.constant(2.0 * split[0]), split[1]) if split else 0
+
     def add(self, left: int, right: int) -> int:
         """Return left + right."""
         if left in (_ZERO, -_ZERO):
@@ -111,48 +124,54 @@ class ValueTable:
             return left
         if left == -right:
             return _ZERO
-        a, b = self._find_constant(left), self._find_constant(right)
-        if a is not None and b is not None:
-            return self.constant(a + b)
-        for whole, part in ((left, right), (right, left)):
-            rest = self._find_rest(whole, part)
-            if rest:
-                return rest
-        if left == right and (split := self._split_constant(left)):
-            return self.mul(self.constant(2.0 * split[0]), split[1])
         if (left > 0) == (right > 0):
-            low, high = abs(left), abs(right)
-            pair = (low, high) if low <= high else (high, low)
-            number = self._sums.get(pair)
-            if number is None:
-                number = self._sums[pair] = self._append(Op.ADD, pair)
-            return number if left > 0 else -number
-        plus, minus = (left, -right) if left > 0 else (right, -left)
+            first, second, op, known = abs(left), abs(right), Op.ADD, self._sums
+            positive = left > 0
+        else:
+            first, second = (left, -right) if left > 0 else (right, -left)
+            op, known, positive = Op.SUB, self._differences, first < second
         # x - y and y - x are the same instruction.
-        pair = (plus, minus) if plus < minus else (minus, plus)
-        number = self._differences.get(pair)
+        pair = (first, second) if first <= second else (second, first)
+        number = known.get(pair)
         if number is None:
-            number = self._differences[pair] = self._append(Op.SUB, pair)
-        return number if plus < minus else -number
+            simple = self._simplify_sum(left, right)
+            if simple:
+                return simple
+            number = known[pair] = self._append(op, pair)
+        return number if positive else -number
 
-    def mul(self, left: int, right: int) -> int:
-        """Return left * right."""
+    def _simplify_product(self, left: int, right: int) -> int:
+        """Return a simpler form of left * right, 0 if there is none."""
         a, b = self._find_constant(left), self._find_constant(right)
         if a is not None and b is not None:
             return self.constant(a * b)
         if b is not None:
             left, right, a = right, left, b
-        if a is not None and abs(left) <= _TWO:
+        if a is None:
+            return 0
+        if abs(left) == _TWO:
             signed = right if left > 0 else -right
-            return (_ZERO, signed, self.add(signed, signed))[abs(left) - 1]
-        if a is not None and (split := self._split_constant(right)):
-            return self.mul(self.constant(a * split[0]), split[1])
+            return self.add(signed, signed)
+        split = self._split_constant(right)
+        return self.mul(self.constant(a * split[0]), split[1]) if split else 0
+
+    def mul(self, left: int, right: int) -> int:
+        """Return left * right."""
         low, high = abs(left), abs(right)
-        pair = (low, high) if low <= high else (high, low)
-        number = self._products.get(pair)
+        if low > high:
+            low, high = high, low
+        if low == _ZERO:
+            return _ZERO
+        positive = (left > 0) == (right > 0)
+        if low == _ONE:
+            return high if positive else -high
+        number = self._products.get((low, high))
         if number is None:
-            number = self._products[pair] = self._append(Op.MUL, pair)
-        return number if (left > 0) == (right > 0) else -number
+            simple = self._simplify_product(left, right)
+            if simple:
+                return simple
+            number = self._products[low, high] = self._append(Op.MUL, (low, high))
+        return number if positive else -number
 
     def div(self, left: int, right: int) -> int:
         """Return left / right."""
@@ -177,14 +196,16 @@ class ValueTable:
 
     def _find_needed(self, outputs: Iterable[int]) -> list[int]:
         """Return the numbers of the instructions that `outputs` need, in order."""
-        needed = [False] * (len(self._ops) + 1)
+        needed = bytearray(len(self._ops) + 1)
+        last = 0
         for ref in outputs:
-            needed[abs(ref)] = True
-        for number in range(len(self._ops), 0, -1):
-            if needed[number] and self._ops[number - 1] is not Op.INPUT:
-                for ref in self._args[number - 1]:
-                    needed[abs(ref)] = True
-        return [number for number in range(1, len(self._ops) + 1) if needed[number]]
+            needed[abs(ref)] = 1
+            last = max(last, abs(ref))
+        for number in range(last, 0, -1):
+            if needed[number]:
+                for ref in self._sources[number - 1]:
+                    needed[abs(ref)] = 1
+        return [number for number in range(1, last + 1) if needed[number]]
 
     def walk(self, outputs: Iterable[int]) -> list[tuple[int, Op, tuple[int, ...]]]:
         """Return number, operation and arguments of the instructions that `outputs` need, in order."""
@@ -193,10 +214,11 @@ class ValueTable:
     def count(self, outputs: Iterable[int]) -> Operations:
         """Return the operations that `outputs` need; see `instructions.count_operations`."""
         ops = [self._ops[number - 1] for number in self._find_needed(outputs)]
+        # An enumeration's own hash is slow, comparing its members is not.
         return Operations(
-            mul=sum(op in PRODUCTS for op in ops),
-            add=sum(op in SUMS for op in ops),
-            trig=sum(op in ELEMENTARY for op in ops),
+            mul=sum(map(ops.count, PRODUCTS)),
+            add=sum(map(ops.count, SUMS)),
+            trig=sum(map(ops.count, ELEMENTARY)),
         )
 
     def collect(

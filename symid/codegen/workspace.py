@@ -17,6 +17,7 @@ from symid.codegen.value_algebra import ValueAlgebra, build_value_state
 from symid.codegen.values import ValueTable
 from symid.dynamics.base import BaseParameters, Label
 from symid.dynamics.kinematics import Recursion, build_recursion
+from symid.dynamics.leaves import hold_leaves
 from symid.dynamics.origins import find_shifts, shift_origins, shift_parameters
 from symid.errors import Notice, RobotError
 from symid.robot.description import Robot
@@ -39,6 +40,7 @@ class Workspace:
 
     base: BaseParameters
     table: ValueTable
+    algebra: ValueAlgebra
     inputs: Mapping[str, tuple[int, ...]]
     recursion: Recursion[int]
     parameters: Mapping[Label, int]
@@ -78,6 +80,11 @@ class Workspace:
         parameters = shift_parameters(algebra, self.parameters, shifts)
         return replace(self, recursion=recursion, parameters=parameters, built={})
 
+    def hold(self) -> "Workspace":
+        """Return the same workspace with the last links in axes that do not turn with them."""
+        recursion, parameters = hold_leaves(self.recursion, self.parameters)
+        return replace(self, recursion=recursion, parameters=parameters, built={})
+
 
 def check_symbols(robot: Robot) -> None:
     """Check that all symbolic lengths have a value.
@@ -107,6 +114,7 @@ def build_workspace(robot: Robot, base: BaseParameters, spec: FunctionSpec) -> W
     return Workspace(
         base=base,
         table=table,
+        algebra=algebra,
         inputs=inputs,
         recursion=build_recursion(robot, algebra, state),
         parameters=dict(zip(base.keys, inputs[base.vector], strict=True)),

@@ -15,7 +15,7 @@ from symid.dynamics.kinematics import Frame, Recursion, lift_vector
 from symid.dynamics.screws import carry_screws, find_axis_screws
 from symid.dynamics.wrenches import Meeting, Wrench, project_wrench
 
-__all__ = ["Body", "Parameters", "find_mass_matrix", "gather_body", "lift_body"]
+__all__ = ["Body", "Parameters", "find_mass_matrix", "gather_body", "lift_body", "turn_tensor"]
 
 Parameters = Mapping[tuple[int, str], T]
 Body = tuple[Matrix[T], Vector[T], T]
@@ -33,7 +33,7 @@ def gather_body(algebra: Algebra[T], parameters: Parameters[T], link: int) -> Bo
     return tensor, (take("MX"), take("MY"), take("MZ")), take("M")
 
 
-def _turn_tensor(algebra: Algebra[T], turn: tuple[T, T], tensor: Matrix[T]) -> Matrix[T]:
+def turn_tensor(algebra: Algebra[T], turn: tuple[T, T], tensor: Matrix[T]) -> Matrix[T]:
     """Return the tensor turned about z by an angle given as (cos, sin).
 
     With d = XX - YY, g = s d + c XY, h = s XY and e = s g + c h the plane entries become XX - e, YY + e
@@ -52,7 +52,7 @@ def _turn_tensor(algebra: Algebra[T], turn: tuple[T, T], tensor: Matrix[T]) -> M
 
 def _rotate_tensor(algebra: Algebra[T], frame: Frame[T], tensor: Matrix[T]) -> Matrix[T]:
     """Return R I R', turned first by the joint's angle, then by the constant rotation."""
-    turned = tensor if frame.turn is None else _turn_tensor(algebra, frame.turn, tensor)
+    turned = tensor if frame.turn is None else turn_tensor(algebra, frame.turn, tensor)
     half = multiply_matrices(algebra, frame.fixed, turned)
     entries = {(i, j): dot(algebra, half[i], frame.fixed[j]) for i in range(3) for j in range(i, 3)}
     return _fill(entries)

@@ -102,7 +102,8 @@ def _find_linear(recursion: Recursion[T], joint: int, frame: Frame[T], parent: S
 def find_spins(recursion: Recursion[T]) -> tuple[Spin[T], ...]:
     """Return the spin of every link.
 
-    U_j z = R' (U_p z_p);  a_j = R' (a_p + U_p r) (+ 2 w x z dq + z ddq if prismatic);  dw_j z = dw_p z_p + ddq.
+    U_j z = R' (U_p z_p);  dw_j z = dw_p z_p + ddq;
+    a_j = R' (a_p + U_p r) (+ 2 w x z dq + z ddq if prismatic).
     """
     robot, algebra, state = recursion.robot, recursion.algebra, recursion.state
     zero = algebra.zero

@@ -35,7 +35,7 @@ __all__ = [
 
 
 Meeting = Callable[[int], int]
-"""In whose frame the wrenches of a link meet the screws: that of the link or of one before it; -1 for none."""
+"""In whose frame the wrenches of a link meet the screws: that of it or of a link before it; -1 for none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -112,3 +112,36 @@ def test_a_program_that_disagrees_with_casadi_is_refused():
     with pytest.raises(GenerationError, match="output 'y': the program and CasADi differ") as caught:
         build_references(card, [other], [program], GenerateOptions())
     assert caught.value.notices[0].code == "codegen.disagrees"
+
+
+def test_what_was_added_is_taken_away_again():
+    table = ValueTable()
+    x, y = table.input(0, 0), table.input(0, 1)
+    total, difference = table.add(x, y), table.add(x, -y)
+    assert table.add(total, -y) == x
+    assert table.add(-total, x) == -y
+    assert table.add(difference, y) == x
+    assert table.add(y, difference) == x
+    assert table.add(-difference, -y) == -x
+    assert table.add(total, y) not in (x, y, total)
+
+
+def test_constant_factors_are_put_together():
+    table = ValueTable()
+    x = table.input(0, 0)
+    half, three = table.constant(0.5), table.constant(3.0)
+    assert table.add(table.mul(half, x), table.mul(half, x)) == x
+    assert table.mul(three, table.mul(half, -x)) == -table.mul(table.constant(1.5), x)
+    assert table.mul(three, table.add(x, x)) == table.mul(table.constant(6.0), x)
+    assert table.div(table.constant(0.0), x) == table.constant(0.0)
+
+
+def test_counting_equals_collecting():
+    table = ValueTable()
+    x, y = table.input(0, 0), table.input(0, 1)
+    outputs = [table.mul(table.apply(Op.SIN, x), y), table.add(x, table.div(y, x))]
+    table.mul(y, y)
+    assert table.count(outputs) == Operations(mul=2, add=1, trig=1)
+    assert [op for _, op, _ in table.walk(outputs)] == [
+        instruction.op for instruction in table.collect([outputs])[0]
+    ]

@@ -1,0 +1,179 @@
+"""Products and sums of the generated functions: no more than the best published counts, nor than reached.
+
+A bound of the first table is what other tools and customised recursions need; one of the second is what
+symid reached, so that no change makes it worse unseen.
+"""
+
+import pytest
+
+from symid.codegen.routes import find_route_counts
+from tests.chains import KR30, LWR4, PANDA, PUMA560, TWO_LINK, UR5
+
+PUBLISHED = {
+    "2R": {"inverse_dynamics": (23, 15)},
+    "PUMA560": {
+        "inverse_dynamics": (301, 240),
+        "mass_matrix": (208, 173),
+        "torque_regressor": (444, 325),
+        "energy_regressor": (120, 53),
+    },
+    "KR30": {"torque_regressor": (466, 345)},
+    "LWR4+": {
+        "inverse_dynamics": (343, 271),
+        "mass_matrix": (226, 181),
+        "torque_regressor": (713, 499),
+        "energy_regressor": (134, 58),
+    },
+    "Panda": {
+        "inverse_dynamics": (361, 288),
+        "mass_matrix": (274, 225),
+        "torque_regressor": (762, 543),
+        "energy_regressor": (145, 69),
+    },
+}
+REACHED = {
+    "2R": {
+        "forward_kinematics": (6, 2),
+        "jacobian": (2, 0),
+        "mass_matrix": (3, 4),
+        "coriolis_matrix": (13, 6),
+        "gravity": (10, 5),
+        "bias": (18, 9),
+        "inverse_dynamics": (23, 15),
+        "forward_dynamics": (27, 18),
+        "inverse_dynamics_derivatives": (38, 25),
+        "energy": (23, 9),
+        "energy_regressor": (15, 3),
+        "momentum_regressor": (7, 3),
+        "lagrange_regressor": (11, 5),
+        "torque_regressor": (16, 10),
+        "slotine_li_regressor": (21, 14),
+    },
+    "PUMA560": {
+        "forward_kinematics": (61, 30),
+        "jacobian": (51, 23),
+        "mass_matrix": (145, 128),
+        "coriolis_matrix": (815, 612),
+        "gravity": (50, 28),
+        "bias": (232, 212),
+        "inverse_dynamics": (247, 235),
+        "forward_dynamics": (463, 411),
+        "inverse_dynamics_derivatives": (1659, 1511),
+        "energy": (155, 81),
+        "energy_regressor": (111, 39),
+        "momentum_regressor": (254, 130),
+        "lagrange_regressor": (318, 186),
+        "torque_regressor": (375, 285),
+        "slotine_li_regressor": (559, 421),
+    },
+    "KR30": {
+        "forward_kinematics": (64, 34),
+        "jacobian": (66, 39),
+        "mass_matrix": (135, 122),
+        "coriolis_matrix": (823, 625),
+        "gravity": (64, 40),
+        "bias": (243, 223),
+        "inverse_dynamics": (257, 245),
+        "forward_dynamics": (464, 416),
+        "inverse_dynamics_derivatives": (1701, 1530),
+        "energy": (168, 91),
+        "energy_regressor": (120, 45),
+        "momentum_regressor": (239, 131),
+        "lagrange_regressor": (316, 193),
+        "torque_regressor": (375, 287),
+        "slotine_li_regressor": (562, 429),
+    },
+    "LWR4+": {
+        "forward_kinematics": (68, 31),
+        "jacobian": (66, 29),
+        "mass_matrix": (160, 132),
+        "coriolis_matrix": (1288, 940),
+        "gravity": (64, 37),
+        "bias": (268, 252),
+        "inverse_dynamics": (274, 265),
+        "forward_dynamics": (552, 487),
+        "inverse_dynamics_derivatives": (2560, 2340),
+        "energy": (179, 92),
+        "energy_regressor": (126, 41),
+        "momentum_regressor": (420, 198),
+        "lagrange_regressor": (574, 312),
+        "torque_regressor": (616, 445),
+        "slotine_li_regressor": (844, 610),
+    },
+    "Panda": {
+        "forward_kinematics": (77, 41),
+        "jacobian": (93, 55),
+        "mass_matrix": (182, 159),
+        "coriolis_matrix": (1407, 1049),
+        "gravity": (64, 37),
+        "bias": (285, 268),
+        "inverse_dynamics": (291, 281),
+        "forward_dynamics": (591, 530),
+        "inverse_dynamics_derivatives": (2789, 2557),
+        "energy": (187, 99),
+        "energy_regressor": (134, 48),
+        "momentum_regressor": (441, 238),
+        "lagrange_regressor": (585, 346),
+        "torque_regressor": (644, 475),
+        "slotine_li_regressor": (886, 651),
+    },
+    "UR5": {
+        "forward_kinematics": (64, 34),
+        "jacobian": (65, 39),
+        "mass_matrix": (137, 123),
+        "coriolis_matrix": (730, 564),
+        "gravity": (48, 26),
+        "bias": (225, 204),
+        "inverse_dynamics": (247, 236),
+        "forward_dynamics": (448, 398),
+        "inverse_dynamics_derivatives": (1398, 1274),
+        "energy": (155, 82),
+        "energy_regressor": (111, 40),
+        "momentum_regressor": (203, 116),
+        "lagrange_regressor": (244, 166),
+        "torque_regressor": (319, 251),
+        "slotine_li_regressor": (496, 384),
+    },
+}
+
+
+ROBOTS = {
+    "2R": TWO_LINK,
+    "PUMA560": PUMA560,
+    "KR30": KR30,
+    "LWR4+": LWR4,
+    "Panda": PANDA,
+    "UR5": UR5,
+}
+
+
+@pytest.fixture(scope="module")
+def counts():
+    return {
+        name: {
+            count.function: (count.operations.mul, count.operations.add)
+            for count in find_route_counts(robot)
+            if count.chosen
+        }
+        for name, robot in ROBOTS.items()
+    }
+
+
+def find_excess(counts, bounds):
+    return [
+        f"{robot} {function}: {counts[robot][function]} > {bound}"
+        for robot, functions in bounds.items()
+        for function, bound in functions.items()
+        if any(found > most for found, most in zip(counts[robot][function], bound, strict=True))
+    ]
+
+
+def test_counts_stay_below_the_published_ones(counts):
+    assert find_excess(counts, PUBLISHED) == []
+
+
+def test_counts_stay_as_low_as_they_were(counts):
+    assert {robot: set(functions) for robot, functions in REACHED.items()} == {
+        robot: set(functions) for robot, functions in counts.items()
+    }
+    assert find_excess(counts, REACHED) == []

@@ -1,0 +1,142 @@
+"""Every route to every function gives the same numbers, on trees nobody has seen, and equals Pinocchio."""
+
+import dataclasses
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+
+from symid.codegen.catalogue import find_specs
+from symid.codegen.routes import ROUTES, choose_route, find_route_counts
+from symid.dynamics.base import find_base_parameters
+from symid.notation import INERTIAL
+from symid.robot.description import Drive
+from tests.chains import (
+    PANDA,
+    PUMA560,
+    STANFORD,
+    TWO_LINK,
+    build_pinocchio,
+    build_route_programs,
+    draw_parameters,
+    run_program,
+    trees,
+)
+
+RANGES = {"q": 3.0, "dq": 2.0, "ddq": 5.0, "dqr": 2.0, "ddqr": 5.0, "tau": 20.0}
+SEVERAL = tuple(name for name, routes in ROUTES.items() if len(routes) > 1)
+# Six derivatives a second of a solved system are no test of a route: its parts are compared themselves.
+SOLVED = ("forward_dynamics",)
+
+
+def find_base_values(robot, base, rng):
+    """Return beta of a robot with consistent link parameters and rotors."""
+    links = draw_parameters(rng, robot.size)
+    values = {(link, name): links[link, k] for link in range(robot.size) for k, name in enumerate(INERTIAL)}
+    lengths = dict(robot.symbols)
+    # Rotors, and offsets that are grouped with a weight, are not in the list.
+    beta = [
+        sum(float(c.subs(lengths)) * values.get(label, 0.5) for label, c in p.terms) for p in base.parameters
+    ]
+    return np.array(beta), links
+
+
+def draw_inputs(robot, base, rng):
+    beta, links = find_base_values(robot, base, rng)
+    state = {name: rng.uniform(-reach, reach, robot.size) for name, reach in RANGES.items()}
+    return {**state, "beta": beta, "f": rng.uniform(-1, 1, len(base.friction))}, links
+
+
+def assert_same(found, expected, tolerance, what):
+    scale = max(1.0, float(np.abs(expected).max(initial=0.0)))
+    error = float(np.abs(found - expected).max(initial=0.0)) / scale
+    assert error < tolerance, f"{what}: differs by {error:.1e}"
+
+
+def check_routes(robot, seed):
+    base = find_base_parameters(robot)
+    inputs, _ = draw_inputs(robot, base, np.random.default_rng(seed))
+    for spec in find_specs(robot.freedom, base.count, len(base.friction)):
+        programs = build_route_programs(robot, base, spec)
+        (first, reference), *others = [(name, run_program(p, inputs)) for name, p in programs.items()]
+        tolerance = 1e-7 if spec.name in SOLVED else 1e-11
+        for name, outputs in others:
+            for mine, theirs in zip(outputs, reference, strict=True):
+                assert_same(mine, theirs, tolerance, f"{spec.name}: {name} and {first}")
+
+
+@settings(max_examples=25, deadline=None)
+@given(robot=trees(most=4, rotors=True, friction=True))
+def test_all_routes_agree_on_random_trees(robot):
+    check_routes(robot, 3)
+
+
+@settings(max_examples=8, deadline=None)
+@given(robot=trees(most=3, symbols=True))
+def test_all_routes_agree_with_symbolic_lengths(robot):
+    values = [(f"{letter}{index}", 0.1 + 0.07 * index) for index in range(robot.size) for letter in "AD"]
+    check_routes(dataclasses.replace(robot, symbols=tuple(values)), 4)
+
+
+@pytest.mark.parametrize("robot", [TWO_LINK, PUMA560, PANDA, STANFORD], ids=lambda r: r.name)
+def test_all_routes_agree_on_known_robots(robot):
+    check_routes(robot, 5)
+
+
+@settings(max_examples=25, deadline=None)
+@given(robot=trees(most=5))
+def test_all_routes_equal_pinocchio(robot):
+    base = find_base_parameters(robot)
+    inputs, links = draw_inputs(robot, base, np.random.default_rng(6))
+    model = build_pinocchio(robot, links)
+    data = model.createData()
+    q, dq, ddq = (inputs[name] for name in ("q", "dq", "ddq"))
+    gravity = pin.rnea(model, data, q, 0 * q, 0 * q).copy()
+    # Pinocchio's own mass matrix wants the joints of a tree depth first.
+    columns = [pin.rnea(model, data, q, 0 * q, unit) - gravity for unit in np.eye(robot.size)]
+    expected = {
+        "mass_matrix": np.array(columns).T,
+        "gravity": gravity,
+        "bias": pin.nonLinearEffects(model, data, q, dq),
+        "inverse_dynamics": pin.rnea(model, data, q, dq, ddq),
+    }
+    for spec in find_specs(robot.freedom, base.count, len(base.friction)):
+        if spec.name in expected:
+            for name, program in build_route_programs(robot, base, spec).items():
+                (found,) = run_program(program, inputs)
+                assert_same(found, expected[spec.name], 1e-12, f"{spec.name}: {name}")
+
+
+def test_the_route_with_the_fewest_operations_is_emitted():
+    counts = find_route_counts(PUMA560)
+    base = find_base_parameters(PUMA560)
+    for spec in find_specs(PUMA560.size, base.count, 0):
+        routes = [count for count in counts if count.function == spec.name]
+        assert [count.route for count in routes] == list(ROUTES[spec.name])
+        (chosen,) = [count for count in routes if count.chosen]
+        sums = [count.operations.mul + count.operations.add for count in routes]
+        assert chosen is routes[sums.index(min(sums))], "ties are broken by the order of the table"
+        assert choose_route(PUMA560, base, spec).counts == tuple(routes)
+
+
+def test_a_rotor_costs_one_product_and_one_sum_at_most():
+    with_rotors = dataclasses.replace(
+        PUMA560,
+        joints=tuple(dataclasses.replace(joint, drive=Drive(has_rotor=True)) for joint in PUMA560.joints),
+    )
+
+    def count(robot):
+        base = find_base_parameters(robot)
+        (spec,) = [spec for spec in find_specs(6, base.count, 0) if spec.name == "inverse_dynamics"]
+        (chosen,) = [count for count in choose_route(robot, base, spec).counts if count.chosen]
+        return base.count, chosen.operations
+
+    (few, bare), (many, driven) = count(PUMA560), count(with_rotors)
+    assert driven.mul - bare.mul <= many - few
+    assert driven.add - bare.add <= many - few
+
+
+def test_every_function_of_the_catalogue_has_a_route():
+    assert list(ROUTES) == [spec.name for spec in find_specs(1, 1, 1)]
+    assert len(SEVERAL) > 8
