@@ -3,6 +3,7 @@
 import dataclasses
 import operator
 from collections.abc import Sequence
+from fractions import Fraction
 
 import numpy as np
 import pinocchio as pin
@@ -12,8 +13,19 @@ from sympy import QQ
 from symid.codegen.instructions import Op, Program
 from symid.codegen.routes import ROUTES
 from symid.codegen.workspace import build_workspace
-from symid.robot.description import Drive, FrictionKind, FrictionValues, Joint, JointKind, Robot
-from symid.robot.geometry import Exact, Placement, find_angle, place_modified_dh
+from symid.notation import INERTIAL
+from symid.robot.description import (
+    Coupling,
+    Drive,
+    FrictionKind,
+    FrictionValues,
+    Joint,
+    JointKind,
+    Mimic,
+    Robot,
+    Spring,
+)
+from symid.robot.geometry import Angle, Exact, Placement, find_angle, place_modified_dh
 
 # Pinocchio orders m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz; ours is XX XY XZ YY YZ ZZ MX MY MZ M.
 FROM_PINOCCHIO = [4, 5, 7, 6, 8, 9, 1, 2, 3, 0]
@@ -118,26 +130,86 @@ _GRAVITIES = [
 _LENGTHS = st.sampled_from([0, 0, 0.3, -0.25, 0.1])
 
 
+_MULTIPLIERS = st.sampled_from([Fraction(-1), Fraction(2), Fraction(1, 2), Fraction(-3, 4)])
+_FACTORS = st.sampled_from([Fraction(1), Fraction(-1), Fraction(5, 2)])
+
+
+def build_angle(tangent: Fraction, *, opposite: bool = False) -> Angle:
+    """Return the angle of a rational half-angle tangent, plus half a turn if `opposite`."""
+    sign = -1 if opposite else 1
+    cosine, sine = (1 - tangent**2) / (1 + tangent**2), 2 * tangent / (1 + tangent**2)
+    return Angle(
+        cosine=Exact.of(sign * cosine),
+        sine=Exact.of(sign * sine),
+        radians=float(2 * np.arctan(float(tangent)) + (np.pi if opposite else 0.0)),
+    )
+
+
+RATIONAL_ANGLES = st.builds(
+    build_angle, st.fractions(Fraction(-1), Fraction(1), max_denominator=5), opposite=st.booleans()
+)
+RATIONAL_LENGTHS = st.integers(-40, 40).map(lambda value: Fraction(value, 100))
+
+
+def _draw_mimics(draw, size: int) -> list[Mimic | None]:
+    """Return who follows whom; at least one joint follows none."""
+    free = sorted(draw(st.sets(st.integers(0, size - 1), min_size=1)))
+    mimics = []
+    for index in range(size):
+        mimic = None
+        if index not in free:
+            mimic = Mimic(master=draw(st.sampled_from(free)), multiplier=draw(_MULTIPLIERS))
+        mimics.append(mimic)
+    return mimics
+
+
+def _draw_couplings(draw, size: int, kinds) -> tuple[Coupling, ...]:
+    couplings = []
+    for number in range(draw(st.integers(0, 2))):
+        joints = sorted(draw(st.sets(st.integers(0, size - 1), min_size=1, max_size=2)))
+        terms = tuple((index, draw(_FACTORS)) for index in joints)
+        couplings.append(
+            Coupling(
+                name=f"m{number + 1}",
+                terms=terms,
+                has_rotor=draw(st.booleans()),
+                friction=FrictionValues(kind=draw(kinds)),
+            )
+        )
+    return tuple(couplings)
+
+
 @st.composite
 def trees(
     draw,
     *,
     most: int = 4,
     angles=_ANGLES,
+    lengths=_LENGTHS,
     rotors: bool = False,
     friction: bool = False,
     symbols: bool = False,
+    followers: bool = False,
+    couplings: bool = False,
+    springs: bool = False,
 ) -> Robot:
-    """Return a random tree of revolute and prismatic joints with a random gravity."""
+    """Return a random tree of revolute and prismatic joints with a random gravity.
+
+    `angles` gives radians or exact angles; followers, couplings and springs only where asked for.
+    """
     size = draw(st.integers(1, most))
     joints = []
+    kinds = st.sampled_from(FrictionKind) if friction else st.just(FrictionKind.NONE)
+    mimics = _draw_mimics(draw, size) if followers else [None] * size
     for index in range(size):
         alpha, theta = draw(angles), draw(angles)
-        a, d = Exact.of(draw(_LENGTHS)), Exact.of(draw(_LENGTHS))
+        a, d = Exact.of(draw(lengths)), Exact.of(draw(lengths))
         if symbols and draw(st.booleans()):
             a, d = Exact.symbol(f"A{index}"), Exact.symbol(f"D{index}")
-        placement = place_modified_dh(find_angle(alpha), a, d, find_angle(theta))
-        kind = draw(st.sampled_from(FrictionKind)) if friction else FrictionKind.NONE
+        exact = (angle if isinstance(angle, Angle) else find_angle(angle) for angle in (alpha, theta))
+        alpha, theta = exact
+        placement = place_modified_dh(alpha, a, d, theta)
+        kind = draw(kinds)
         joints.append(
             Joint(
                 name=f"joint{index + 1}",
@@ -146,10 +218,91 @@ def trees(
                 placement=placement,
                 drive=Drive(has_rotor=rotors and draw(st.booleans())),
                 friction=FrictionValues(kind=kind),
+                mimic=mimics[index],
+                spring=Spring() if springs and draw(st.booleans()) else None,
             )
         )
     gravity = draw(st.sampled_from(_GRAVITIES))
-    return Robot(name="tree", joints=tuple(joints), gravity=tuple(Exact.of(value) for value in gravity))
+    return Robot(
+        name="tree",
+        joints=tuple(joints),
+        gravity=tuple(Exact.of(value) for value in gravity),
+        couplings=_draw_couplings(draw, size, kinds) if couplings else (),
+    )
+
+
+def build_transmission(robot: Robot) -> np.ndarray:
+    """Return G (joints + couplings, coordinates) with the speeds of all of them = G dq."""
+    matrix = np.zeros((robot.size + len(robot.couplings), robot.freedom))
+    free = [index for index, joint in enumerate(robot.joints) if joint.mimic is None]
+    for index, joint in enumerate(robot.joints):
+        if joint.mimic is None:
+            matrix[index, free.index(index)] = 1.0
+        else:
+            matrix[index, free.index(joint.mimic.master)] = float(joint.mimic.multiplier)
+    for number, coupling in enumerate(robot.couplings):
+        for index, factor in coupling.terms:
+            matrix[robot.size + number] += float(factor) * matrix[index]
+    return matrix
+
+
+def spread(robot: Robot, array: np.ndarray) -> np.ndarray:
+    """Return values of the joints (size, ...) from those of the coordinates (freedom, ...)."""
+    return np.tensordot(build_transmission(robot)[: robot.size], array, axes=1)
+
+
+def fold(robot: Robot, array: np.ndarray) -> np.ndarray:
+    """Return what acts on the coordinates (freedom, ...) from what acts on the joints (size, ...)."""
+    return np.tensordot(build_transmission(robot)[: robot.size].T, array, axes=1)
+
+
+_FRICTION = {
+    "Fv": lambda v: v,
+    "Fc": np.sign,
+    "offset": lambda _: 1.0,
+    "Fvp": lambda v: max(v, 0.0),
+    "Fcp": lambda v: float(v > 0),
+    "Fvn": lambda v: min(v, 0.0),
+    "Fcn": lambda v: -float(v < 0),
+}
+_FRICTION_NAMES = {
+    FrictionKind.NONE: (),
+    FrictionKind.VISCOUS_COULOMB: ("Fv", "Fc"),
+    FrictionKind.VISCOUS_COULOMB_OFFSET: ("Fv", "Fc", "offset"),
+    FrictionKind.ASYMMETRIC: ("Fvp", "Fcp", "Fvn", "Fcn"),
+}
+
+
+def regress(robot: Robot, q, dq, ddq, *, friction: bool = True) -> dict[tuple[int, str], np.ndarray]:
+    """Return the torques of the coordinates per unit of each parameter, without symid.
+
+    Links from Pinocchio's regressor of the joints, folded; drives, springs and friction by their formulas.
+
+    Args:
+        robot: the robot, symbols with values.
+        q: (freedom,) coordinates; dq, ddq: their derivatives.
+        friction: whether friction counts, as it does not in gravity and momenta.
+    """
+    matrix = build_transmission(robot)
+    model = build_pinocchio(robot, draw_parameters(np.random.default_rng(0), robot.size))
+    state = (spread(robot, np.asarray(values)) for values in (q, dq, ddq))
+    raw = pin.computeJointTorqueRegressor(model, model.createData(), *state).reshape(robot.size, -1)
+    links = fold(robot, order_regressor(raw))
+    columns = {(k // 10, INERTIAL[k % 10]): links[:, k] for k in range(10 * robot.size)}
+    positions, speeds, rates = (matrix @ np.asarray(values) for values in (q, dq, ddq))
+    for index, joint in enumerate(robot.joints):
+        if joint.drive.has_rotor:
+            columns[index, "IA"] = matrix[index] * rates[index]
+        if joint.spring is not None:
+            columns[index, "KS"] = matrix[index] * positions[index]
+            columns[index, "KR"] = matrix[index].copy()
+    for number, coupling in enumerate(robot.couplings, start=robot.size):
+        if coupling.has_rotor:
+            columns[number, "IA"] = matrix[number] * rates[number]
+    for index, part in enumerate((*robot.joints, *robot.couplings) if friction else ()):
+        for name in _FRICTION_NAMES[part.friction.kind]:
+            columns[index, name] = matrix[index] * _FRICTION[name](speeds[index])
+    return columns
 
 
 PI = np.pi

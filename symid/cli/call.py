@@ -25,6 +25,7 @@ from symid.errors import Notice, SymidError
 __all__ = ["VERBS", "run", "symid"]
 
 VERBS = (
+    "new",
     "check",
     "derive",
     "base",

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from symid.cli.inputs import load_robot, read_logs
-from symid.cli.options import friction_option, set_option, split_settings, verb
+from symid.cli.options import cut_options, friction_option, set_option, split_settings, verb
 from symid.cli.output import Answer, Console, format_table
 
 __all__ = ["command"]
@@ -15,21 +15,28 @@ __all__ = ["command"]
 @click.argument("robot")
 @click.argument("logs", nargs=-1, metavar="[LOG]...", type=click.Path(path_type=Path))
 @friction_option
+@cut_options
 @set_option
 @verb
 def command(
-    console: Console, *, robot: str, logs: tuple[Path, ...], friction: str | None, settings: tuple[str, ...]
+    console: Console,
+    *,
+    robot: str,
+    logs: tuple[Path, ...],
+    friction: str | None,
+    base_link: str | None,
+    tip_link: str | None,
+    settings: tuple[str, ...],
 ) -> Answer:
     """Check a robot file, and logs against it.
 
     All that is wrong is said at once, each with its file, line and column. Exit code 3 when
     something is wrong; what is only odd is a warning.
     """
-    described = load_robot(robot, split_settings(settings), friction)
+    described = load_robot(robot, split_settings(settings), friction, base=base_link, tip=tip_link)
     warnings = described.notices
-    lines = [
-        f"{described.path}: {described.name}, {described.size} joints, {described.convention} DH: no mistakes"
-    ]
+    convention = "URDF" if described.convention == "urdf" else f"{described.convention} DH"
+    lines = [f"{described.path}: {described.name}, {described.size} joints, {convention}: no mistakes"]
     result: dict[str, object] = {
         "robot": described.name,
         "file": described.path,

@@ -32,18 +32,50 @@ __all__ = [
 ]
 
 
-def load_robot(name: str, settings: Sequence[tuple[str, str]] = (), friction: str | None = None) -> "Robot":
+def load_robot(
+    name: str,
+    settings: Sequence[tuple[str, str]] = (),
+    friction: str | None = None,
+    *,
+    base: str | None = None,
+    tip: str | None = None,
+) -> "Robot":
     """Return the robot of a name or path, with settings of the command line in place of the file's.
+
+    Args:
+        name: a name, or the path of a TOML or URDF file.
+        settings: keys and values.
+        friction: the friction model of all joints.
+        base: the link of a URDF to start from.
+        tip: the link of a URDF to end at.
 
     Raises:
         UsageError: there is no such robot, or a setting cannot be made here.
         RobotError: the file is wrong.
     """
-    from symid.robot.locate import find_robot_file
-    from symid.robot.toml import read_robot
+    from symid.robot.locate import find_robot_file, is_urdf
 
-    robot = read_robot(find_robot_file(name))
+    path = find_robot_file(name)
+    if is_urdf(path):
+        from symid.robot.urdf import read_urdf
+
+        robot = read_urdf(path, base=base, tip=tip)
+    else:
+        _refuse_cut(path, base=base, tip=tip)
+        from symid.robot.toml import read_robot
+
+        robot = read_robot(path)
     return _override(robot, settings, friction) if settings or friction else robot
+
+
+def _refuse_cut(path: Path, **links: str | None) -> None:
+    for option, link in links.items():
+        if link is not None:
+            text = (
+                f"--{option} {link}: only a URDF is cut at its links; "
+                "leave the option out, or the joints out of the file"
+            )
+            raise UsageError(Notice(code="usage.no-urdf", text=text, file=str(path)))
 
 
 def _override(robot: "Robot", settings: Sequence[tuple[str, str]], friction: str | None) -> "Robot":

@@ -14,6 +14,7 @@ from symid.errors import Notice, UsageError
 __all__ = [
     "DEFAULT_SEED",
     "FiniteRange",
+    "cut_options",
     "force_folder_option",
     "force_option",
     "friction_option",
@@ -66,6 +67,19 @@ set_option = click.option(
     metavar="KEY=VALUE",
     help="A setting in place of the file's, such as processing.filter_cutoff=50.",
 )
+
+
+def cut_options(function: Callable[P, R]) -> Callable[P, R]:
+    """Give a verb the links between which a URDF is cut."""
+    options = (
+        click.option("--base", "base_link", metavar="LINK", help="Of a URDF: the link to start from."),
+        click.option(
+            "--tip", "tip_link", metavar="LINK", help="Of a URDF: the link to end at; branches are cut off."
+        ),
+    )
+    for option in reversed(options):
+        function = option(function)
+    return function
 
 
 def output_option(meaning: str, *, required: bool = False, folder: bool = False) -> Decorator:

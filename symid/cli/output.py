@@ -23,7 +23,17 @@ from symid.errors import Notice
 
 __all__ = ["Answer", "Console", "format_table", "print_answer", "print_errors", "write_json"]
 
-_NOTES = frozenset({"identify.automatic", "identify.slow-rows", "estimate.settings-differ", "log.converted"})
+_NOTES = frozenset(
+    {
+        "estimate.settings-differ",
+        "identify.automatic",
+        "identify.slow-rows",
+        "log.converted",
+        "new.gravity",
+        "robot.elastic-joint",
+        "robot.lumped",
+    }
+)
 """Codes of what is as it was asked for, and only worth knowing."""
 
 

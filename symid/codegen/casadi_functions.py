@@ -50,7 +50,7 @@ def build_functions(
     """
     check_symbols(robot)
     base = build_standard_parameters(robot) if standard else find_base_parameters(robot)
-    catalogue = find_specs(robot.freedom, base.count, len(base.friction), base.vector)
+    catalogue = find_specs(robot, base)
     known = [spec.name for spec in catalogue]
     for name in names or ():
         if name not in known:

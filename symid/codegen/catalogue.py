@@ -1,16 +1,18 @@
 """The catalogue of functions in one table: names, ordered inputs and outputs, shapes, units.
 
-Input: the sizes of a robot. Output: `FunctionSpec` records, in the order of the table.
+Input: a robot and its base parameters. Output: `FunctionSpec` records, in the order of the table.
 
 Supported: rigid robots with friction. Units are written for revolute joints; of a prismatic one read m for
 rad and N for N m.
 """
 
 from symid.codegen.functions import FunctionSpec, Port
+from symid.dynamics.base import BaseParameters
+from symid.robot.description import Robot
 
 __all__ = ["find_specs"]
 
-# Name: shape in letters (n joints, b base parameters, p friction parameters), unit, meaning.
+# Name: shape in letters (n coordinates, l links, b inertial and p friction parameters), unit, meaning.
 _INPUTS = {
     "q": ("n", "rad", "joint coordinates"),
     "dq": ("n", "rad/s", "joint velocities"),
@@ -29,7 +31,7 @@ _RIGID = (
     (
         "forward_kinematics",
         "q",
-        (("R", "n33", "1", "rotation matrices, one a link"), ("P", "n3", "m", "origins, one a link")),
+        (("R", "l33", "1", "rotation matrices, one a link"), ("P", "l3", "m", "origins, one a link")),
         "pose of every link frame in the base frame",
     ),
     (
@@ -135,13 +137,13 @@ _FRICTION = (
 )
 
 
-def find_specs(joints: int, parameters: int, friction: int, vector: str = "beta") -> tuple[FunctionSpec, ...]:
-    """Return the catalogue for a robot with so many coordinates, inertial and friction parameters.
+def find_specs(robot: Robot, base: BaseParameters) -> tuple[FunctionSpec, ...]:
+    """Return the catalogue for a robot and the parameters that its functions take: beta, or pi.
 
-    `vector` names the inertial ones: beta, or pi for the standard parameters. Without friction parameters
-    the friction functions are left out: they would be empty code.
+    Without friction parameters the friction functions are left out: they would be empty code.
     """
-    sizes = {"n": joints, "b": parameters, "p": friction}
+    friction = len(base.friction)
+    sizes = {"n": robot.freedom, "l": robot.size, "b": base.count, "p": friction}
 
     def find_port(name: str, letters: str, unit: str, meaning: str, *, shared: bool = False) -> Port:
         shape = tuple(sizes[letter] if letter in sizes else int(letter) for letter in letters)
@@ -152,7 +154,7 @@ def find_specs(joints: int, parameters: int, friction: int, vector: str = "beta"
             name=name,
             inputs=tuple(
                 find_port(key, *_INPUTS[key], shared=key in _SHARED)
-                for key in inputs.replace("beta", vector).split()
+                for key in inputs.replace("beta", base.vector).split()
             ),
             outputs=tuple(find_port(*output) for output in outputs),
             meaning=meaning,

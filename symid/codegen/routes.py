@@ -175,5 +175,5 @@ def find_route_counts(robot: Robot) -> tuple[RouteCount, ...]:
     """
     check_symbols(robot)
     base = find_base_parameters(robot)
-    specs = find_specs(robot.freedom, base.count, len(base.friction), base.vector)
+    specs = find_specs(robot, base)
     return tuple(count for spec in specs for count in choose_route(robot, base, spec).counts)

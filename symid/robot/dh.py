@@ -1,7 +1,7 @@
 """Denavit-Hartenberg rows and the exact placements they stand for.
 
-Input: rows (alpha, a, d, theta) as a robot file writes them. Output: frame j seen from its parent, at
-q = 0, in the one convention used inside: the joint's axis is the z axis of its own link's frame.
+Input: rows (alpha, a, d, theta) as a robot file writes them. Output: the joint's frame, whose z axis is the
+joint's axis, seen from the link before it at q = 0; and the frame that the convention gives to the link.
 
 Supported: modified rows, Rot(x, alpha) Trans(x, a) Rot(z, theta) Trans(z, d), with alpha and a of the
 link before; standard rows, Rot(z, theta) Trans(z, d) Trans(x, a) Rot(x, alpha), converted without rounding.
@@ -12,6 +12,7 @@ import math
 import re
 from dataclasses import dataclass
 
+from symid.robot.forms import Symbols, parse_form, read_form
 from symid.robot.geometry import (
     IDENTITY,
     ZERO,
@@ -24,16 +25,18 @@ from symid.robot.geometry import (
     rotate_x,
     translate,
 )
-from symid.robot.section import Section, explain_number, find_nearest, to_decimal
+from symid.robot.rotations import find_tangent_angle
+from symid.robot.section import Section, find_element, to_decimal
 
-__all__ = ["Row", "find_far_end", "place_row", "read_angle", "read_length", "read_row"]
+__all__ = ["NO_TURN", "ROW_KEYS", "Row", "find_row_frames", "read_angle", "read_length", "read_row"]
 
 _FRACTION_OF_PI = re.compile(
     r"(?P<sign>[-+]?)\s*(?:(?P<times>\d+(?:\.\d+)?)\s*\*?\s*)?pi\s*(?:/\s*(?P<by>\d+(?:\.\d+)?))?"
 )
 _DEGREES = re.compile(r"(?P<degrees>[-+]?\d+(?:\.\d+)?)\s*deg")
-_LENGTH_SYMBOL = re.compile(r"(?P<sign>[-+]?)\s*(?P<name>[A-Za-z][A-Za-z0-9_]*)")
-_NO_TURN = find_angle(0.0)
+_TANGENT = re.compile(r"2\s*\*?\s*atan\((?P<tangent>.+)\)")
+NO_TURN = find_angle(0.0)
+ROW_KEYS = ("alpha", "a", "d", "theta")
 _LARGEST_ANGLE = 12.0
 _LARGEST_LENGTH = 10
 
@@ -42,38 +45,27 @@ _LARGEST_LENGTH = 10
 class Row:
     """A row of a Denavit-Hartenberg table; the joint's coordinate is added to `theta` or `d`."""
 
-    alpha: Angle = _NO_TURN
+    alpha: Angle = NO_TURN
     a: Exact = ZERO
     d: Exact = ZERO
-    theta: Angle = _NO_TURN
+    theta: Angle = NO_TURN
 
 
-def find_far_end(row: Row, convention: str) -> Placement:
-    """Return the frame that `row` ends in, seen from the joint's own frame.
-
-    For standard rows Trans(x, a) Rot(x, alpha); modified rows end in the joint's frame.
-    """
-    if convention == "modified":
-        return IDENTITY
-    return compose_placements(translate(row.a, ZERO, ZERO), rotate_x(row.alpha))
-
-
-def place_row(row: Row, before: Row | None, convention: str) -> Placement:
-    """Return the joint's frame at q = 0 seen from the frame of the joint before it.
+def find_row_frames(row: Row, convention: str) -> tuple[Placement, Placement]:
+    """Return the joint's frame at q = 0 seen from the link before it, and the link's seen from the joint's.
 
     Args:
-        row: the joint's own row.
-        before: the parent's row, None at the base.
-        convention: "modified" or "standard". A standard row places its joint by alpha and a of
-            the parent's row: what stands before a modified row's z axis stands behind a standard one.
+        row: the joint's row.
+        convention: "modified" or "standard". A modified row ends in the joint's frame, which is the
+            link's; a standard row goes on to the far end of the link, Trans(x, a) Rot(x, alpha).
     """
     if convention == "modified":
-        return place_modified_dh(row.alpha, row.a, row.d, row.theta)
-    outer = before or Row()
-    return place_modified_dh(outer.alpha, outer.a, row.d, row.theta)
+        return place_modified_dh(row.alpha, row.a, row.d, row.theta), IDENTITY
+    near = place_modified_dh(NO_TURN, ZERO, row.d, row.theta)
+    return near, compose_placements(translate(row.a, ZERO, ZERO), rotate_x(row.alpha))
 
 
-def read_row(section: Section, symbols: tuple[str, ...]) -> Row:
+def read_row(section: Section, symbols: Symbols) -> Row:
     """Return the row of a joint's table; what cannot be read is reported and taken as zero."""
     return Row(
         alpha=read_angle(section, "alpha"),
@@ -99,52 +91,48 @@ def _find_radians(value: object) -> float | None:
     return None
 
 
-def read_angle(section: Section, key: str) -> Angle:
-    """Return the angle at `key`, zero where there is none.
+def _find_exact_angle(value: object) -> Angle | None:
+    """Return the angle of a text such as "2*atan(1/3)", whose cosine and sine are those of the text."""
+    match = _TANGENT.fullmatch(value.strip()) if isinstance(value, str) else None
+    tangent = parse_form(match["tangent"]) if match else None
+    return find_tangent_angle(tangent) if tangent is not None and tangent.is_number else None
+
+
+def read_angle(section: Section, key: str, *inner: int) -> Angle:
+    """Return the angle at `key`, or at its element `inner`; zero where there is none.
 
     A number within 1e-5 rad of a multiple of pi/2 is taken as that multiple, and a warning says so.
     """
-    value = section.values.get(key)
+    value = find_element(section, key, *inner)
     if value is None:
-        return _NO_TURN
+        return NO_TURN
+    if (exact := _find_exact_angle(value)) is not None:
+        return exact
     radians = _find_radians(value)
+    shown = section.show(key, *inner)
     if radians is None:
         allowed = 'a number in rad, "pi/2", "-3*pi/4" or "90 deg"'
-        section.refuse("robot.bad-angle", key, f"expected an angle, {allowed}; got {section.show(key)}")
-        return _NO_TURN
+        section.refuse("robot.bad-angle", key, f"expected an angle, {allowed}; got {shown}", *inner)
+        return NO_TURN
     if abs(radians) > _LARGEST_ANGLE and not isinstance(value, str):
-        text = (
-            f'{section.show(key)} rad is about {radians / math.tau:.1f} turns; degrees are written "90 deg"'
-        )
-        section.warn("robot.large-angle", key, text)
+        text = f'{shown} rad is about {radians / math.tau:.1f} turns; degrees are written "90 deg"'
+        section.warn("robot.large-angle", key, text, *inner)
     angle = find_angle(radians)
     if angle.snapped_by:
         quarters = round(angle.radians / (math.pi / 2))
-        exact = {0: "0", 1: "pi/2", -1: "-pi/2", 2: "pi", -2: "-pi"}.get(quarters, f"{quarters}*pi/2")
-        text = f'{section.show(key)} was moved by {angle.snapped_by:.2e} rad; write it as "{exact}"'
-        section.warn("robot.angle-snapped", key, text)
+        exact_text = {0: "0", 1: "pi/2", -1: "-pi/2", 2: "pi", -2: "-pi"}.get(quarters, f"{quarters}*pi/2")
+        text = f'{shown} was moved by {angle.snapped_by:.2e} rad; write it as "{exact_text}"'
+        section.warn("robot.angle-snapped", key, text, *inner)
     return angle
 
 
-def read_length(section: Section, key: str, symbols: tuple[str, ...]) -> Exact:
-    """Return the length at `key` in m, a decimal or one of `symbols` with a sign; zero by default."""
-    value = section.values.get(key)
-    if value is None:
+def read_length(section: Section, key: str, symbols: Symbols, *inner: int) -> Exact:
+    """Return the length at `key` in m, or at its element `inner`: a number or a form; zero by default."""
+    length = read_form(section, key, symbols, "m", *inner, code="robot.bad-length")
+    if length is None:
         return ZERO
-    number = to_decimal(value)
-    if number is not None:
-        if abs(number) > _LARGEST_LENGTH:
-            section.warn("robot.long-length", key, f"{section.show(key)} m is long; lengths are in m")
-        return Exact.of(str(number))
-    match = _LENGTH_SYMBOL.fullmatch(value.strip()) if isinstance(value, str) else None
-    if not match:
-        found = f"got {section.show(key)}{explain_number(value, 'm')}"
-        section.refuse("robot.bad-length", key, f'expected a number in m or a symbol such as "L1"; {found}')
-        return ZERO
-    if match["name"] not in symbols:
-        hint = find_nearest(match["name"], symbols) or f"write {match['name']} = 0.5 (its value in m) there"
-        text = f"the symbol {match['name']} has no value in [symbols]; {hint}"
-        section.refuse("robot.unknown-symbol", key, text)
-        return ZERO
-    length = Exact.symbol(match["name"])
-    return -length if match["sign"] == "-" else length
+    number = to_decimal(find_element(section, key, *inner))
+    if number is not None and abs(number) > _LARGEST_LENGTH:
+        text = f"{section.show(key, *inner)} m is long; lengths are in m"
+        section.warn("robot.long-length", key, text, *inner)
+    return length

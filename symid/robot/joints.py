@@ -1,19 +1,26 @@
-"""The joints of a robot file: rows, parents, drives, friction, limits.
+"""The joints of a robot file: placements, parents, kinds, limits, and what moves or brakes them.
 
-Input: the `[[joint]]` tables. Output: `Joint` records in the order of the file.
+Input: the `[[joint]]` and `[[coupling]]` tables. Output: `Joint` and `Coupling` records in the order of the
+file, without its fixed joints.
 
-Supported: chains and trees; a joint's parent stands before it in the file.
+Supported: chains and trees; a joint's parent stands before it in the file. Fixed joints are joined to the
+links that carry them, and a notice says so.
 """
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
-from symid.robot.description import Drive, FrictionKind, FrictionValues, Joint, JointKind, Limits
-from symid.robot.dh import Row, find_far_end, place_row, read_row
-from symid.robot.geometry import IDENTITY, Placement
+from symid.robot.description import Coupling, Joint, JointKind, Limits
+from symid.robot.dh import ROW_KEYS, find_row_frames, read_row
+from symid.robot.forms import Symbols
+from symid.robot.geometry import IDENTITY, Placement, compose_placements
 from symid.robot.inertia import read_inertial
+from symid.robot.joint_drives import list_tables, read_couplings, read_drive, read_elasticity, read_spring
+from symid.robot.joint_friction import read_friction
+from symid.robot.joint_mimic import read_followers
+from symid.robot.lumping import lump_fixed
+from symid.robot.origin import read_origin
 from symid.robot.section import (
-    NOT_NEGATIVE,
     POSITIVE,
     Section,
     find_nearest,
@@ -25,86 +32,149 @@ from symid.robot.section import (
     refuse_unknown_keys,
 )
 
-__all__ = ["FRICTION_PARAMETERS", "read_joints"]
+__all__ = ["Mechanism", "read_joints"]
 
-FRICTION_PARAMETERS: dict[FrictionKind, tuple[str, ...]] = {
-    FrictionKind.NONE: (),
-    FrictionKind.VISCOUS_COULOMB: ("Fv", "Fc"),
-    FrictionKind.VISCOUS_COULOMB_OFFSET: ("Fv", "Fc", "offset"),
-    FrictionKind.ASYMMETRIC: ("Fvp", "Fcp", "Fvn", "Fcn"),
+_KEYS = (
+    "name",
+    "kind",
+    "parent",
+    *ROW_KEYS,
+    "origin",
+    "frame",
+    "mimic",
+    "link",
+    "drive",
+    "friction",
+    "spring",
+    "elasticity",
+    "limits",
+)
+_MOVING_KEYS = ("mimic", "drive", "friction", "spring", "elasticity", "limits")
+_KINDS = {
+    "revolute": JointKind.REVOLUTE,
+    "continuous": JointKind.REVOLUTE,
+    "prismatic": JointKind.PRISMATIC,
+    "fixed": None,
 }
-"""The parameters of each friction model, in the order of its values."""
-
-_JOINT_KEYS = ("name", "kind", "parent", "alpha", "a", "d", "theta", "link", "drive", "friction", "limits")
 _BASE = "base"
-_UNKNOWN = "unknown"
 
 
-def read_joints(
-    root: Section, convention: str, symbols: Mapping[str, float]
-) -> tuple[tuple[Joint, ...], Placement]:
-    """Return the joints of the file, and the frame at the last link's end seen from its own.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mechanism:
+    """What moves: joints, and drives that turn with several of them."""
+
+    joints: tuple[Joint, ...]
+    couplings: tuple[Coupling, ...]
+
+
+def read_joints(root: Section, convention: str, symbols: Symbols) -> Mechanism:
+    """Return the joints and couplings of the file.
 
     Args:
         root: the whole file.
-        convention: "modified" or "standard".
-        symbols: values of symbolic lengths, m.
+        convention: "modified", "standard" or "origin".
+        symbols: those of the file.
     """
     sections = _list_sections(root)
     names = _read_names(sections)
-    rows = [read_row(section, tuple(symbols)) for section in sections]
-    joints = []
+    kinds = [_read_kind(section) for section in sections]
+    followers = read_followers(sections, names, kinds, symbols)
+    joints: list[Joint] = []
     for index, section in enumerate(sections):
-        refuse_unknown_keys(section, _JOINT_KEYS)
+        refuse_unknown_keys(section, _KEYS)
         parent = _read_parent(section, index, names)
-        before = rows[parent] if parent >= 0 else None
-        frame = find_far_end(rows[index], convention)
-        kind = _read_kind(section)
-        prismatic = kind is JointKind.PRISMATIC
-        joint = Joint(
-            name=names[index],
-            kind=kind,
-            parent=parent,
-            placement=place_row(rows[index], before, convention),
-            inertial=_read_inertial(section, frame, symbols),
-            drive=_read_drive(section),
-            friction=_read_friction(section, prismatic=prismatic),
-            limits=_read_limits(section, prismatic=prismatic),
+        near, frame = _read_frames(section, convention, symbols)
+        if parent >= 0:
+            near = compose_placements(joints[parent].frame, near)
+        if index in followers:
+            near = compose_placements(near, followers[index].offset)
+        joint = _read_joint(section, kinds[index], frame, symbols)
+        mimic = followers[index].mimic if index in followers else None
+        joints.append(replace(joint, name=names[index], parent=parent, placement=near, mimic=mimic))
+    couplings = read_couplings(root, names, kinds)
+    fixed = [index for index, kind in enumerate(kinds) if kind is None]
+    if not fixed or root.report.errors:
+        return Mechanism(joints=tuple(joints), couplings=couplings)
+    return _lump(sections, joints, couplings, fixed, symbols)
+
+
+def _read_joint(section: Section, kind: JointKind | None, frame: Placement, symbols: Symbols) -> Joint:
+    """Return what a joint's table says of the joint itself and its link."""
+    body = read_inertial(section, frame, symbols)
+    joint = Joint(
+        name="",
+        kind=kind or JointKind.REVOLUTE,
+        parent=-1,
+        placement=IDENTITY,
+        frame=frame,
+        inertial=body.parameters,
+        form=body.form,
+    )
+    if kind is None:
+        for key in _MOVING_KEYS:
+            if key in section.values and key != "mimic":
+                text = "a fixed joint has none; leave it out, or choose a kind that moves"
+                section.refuse_key("robot.fixed-joint", key, text)
+        return joint
+    prismatic = kind is JointKind.PRISMATIC
+    return replace(
+        joint,
+        drive=read_drive(section),
+        friction=read_friction(section, prismatic=prismatic),
+        limits=_read_limits(section, prismatic=prismatic),
+        spring=read_spring(section, prismatic=prismatic),
+        elasticity=read_elasticity(section, prismatic=prismatic),
+    )
+
+
+def _read_frames(section: Section, convention: str, symbols: Symbols) -> tuple[Placement, Placement]:
+    """Return the joint's frame seen from the link before it, and the link's seen from the joint's."""
+    general = [key for key in ("origin", "frame") if key in section.values]
+    row = [key for key in ROW_KEYS if key in section.values]
+    if convention == "origin" or general:
+        for key in row:
+            where = 'in convention = "origin"' if convention == "origin" else f"next to {general[0]}"
+            text = f"cannot stand {where}; say where the joint is by a row or by origin, not by both"
+            section.refuse_key("robot.mixed-placement", key, text)
+        return read_origin(section, "origin", symbols), read_origin(section, "frame", symbols)
+    return find_row_frames(read_row(section, symbols), convention)
+
+
+def _lump(
+    sections: Sequence[Section],
+    joints: Sequence[Joint],
+    couplings: Sequence[Coupling],
+    fixed: Sequence[int],
+    symbols: Symbols,
+) -> Mechanism:
+    """Return the moving joints, with the links of the fixed ones joined to those that carry them."""
+    if len(fixed) == len(joints):
+        text = "every joint is fixed, and a robot moves; give one of them another kind"
+        sections[0].refuse("robot.fixed-joint", "kind", text)
+        return Mechanism(joints=tuple(joints), couplings=tuple(couplings))
+    lumped = lump_fixed(joints, fixed, symbols.values)
+    for index, frame in zip(fixed, lumped.frames, strict=True):
+        where = (
+            f"the link of joint '{lumped.joints[frame.carrier].name}'" if frame.carrier >= 0 else "the base"
         )
-        joints.append(joint)
-    return tuple(joints), _find_tip(rows, convention)
-
-
-def _find_tip(rows: list[Row], convention: str) -> Placement:
-    return find_far_end(rows[-1], convention) if rows else IDENTITY
+        mass = "" if frame.has_mass else ", which gets no heavier: the file gives no mass"
+        sections[index].warn("robot.lumped", "kind", f"fixed; its link belongs to {where}{mass}")
+    moved = {old: new for old, new in enumerate(lumped.indices) if new is not None}
+    couplings = [
+        replace(entry, terms=tuple((moved[index], factor) for index, factor in entry.terms))
+        for entry in couplings
+    ]
+    return Mechanism(joints=lumped.joints, couplings=tuple(couplings))
 
 
 def _list_sections(root: Section) -> list[Section]:
-    tables: Any = root.values.get("joint")
-    if tables is None:
-        root.refuse_key(
-            "robot.missing-key", "joint", 'missing; write [[joint]] and kind = "revolute" for each joint'
-        )
-        return []
-    if not isinstance(tables, list):
-        root.refuse(
-            "robot.wrong-type", "joint", f"expected [[joint]] in two brackets, got {root.show('joint')}"
-        )
-        return []
-    if not tables:
+    if "joint" not in root.values:
+        text = 'missing; write [[joint]] and kind = "revolute" for each joint'
+        root.refuse_key("robot.missing-key", "joint", text)
+    if root.values.get("joint") == []:
         text = 'empty, and a robot needs a joint; write [[joint]] and kind = "revolute" for each'
         root.refuse("robot.missing-key", "joint", text)
-    sections = []
-    for index, table in enumerate(tables):
-        if not isinstance(table, Mapping):
-            # The other joints are read all the same, so that their mistakes are told too.
-            text = f"expected [[joint]] in two brackets, got {root.show('joint', index)} as joint {index + 1}"
-            root.refuse("robot.wrong-type", "joint", text, index)
-            continue
-        name = table.get("name")
-        label = f"joint '{name}'" if isinstance(name, str) else f"joint {index + 1}"
-        sections.append(Section(values=table, path=("joint", index), report=root.report, label=label))
-    return sections
+    return list_tables(root, "joint", "joint")
 
 
 def _read_names(sections: list[Section]) -> list[str]:
@@ -142,112 +212,14 @@ def _read_parent(section: Section, index: int, names: list[str]) -> int:
     return index - 1
 
 
-def _read_kind(section: Section) -> JointKind:
-    kinds = [kind.value for kind in JointKind]
+def _read_kind(section: Section) -> JointKind | None:
+    """Return how the joint moves, None for a fixed one."""
     if "kind" not in section.values:
         section.refuse_key(
             "robot.missing-key", "kind", 'missing; write kind = "revolute" or kind = "prismatic"'
         )
-    found = read_choice(section, "kind", kinds)
-    return JointKind(found) if found else JointKind.REVOLUTE
-
-
-def _read_inertial(
-    section: Section, frame: Placement, symbols: Mapping[str, float]
-) -> tuple[float, ...] | None:
-    """Return the ten parameters of the joint's link; a point mass is said."""
-    found = read_inertial(section, frame, symbols)
-    link: Any = section.values.get("link")
-    if found is None or "standard" in link:
-        return found
-    if not any(link.get("inertia", {}).values()):
-        text = "inertia is taken as zero: a point mass; write inertia = { xx = 0.01, yy = 0.01, zz = 0.01 }"
-        section.warn("robot.point-mass", "link", f"{text} (kg*m^2) if the link has one")
-    return found
-
-
-def _read_drive(section: Section) -> Drive:
-    drive = read_table(section, "drive", ("gear", "rotor_inertia", "rotor_inertia_side", "torque_constant"))
-    if drive is None:
-        return Drive()
-    # The joint's own label is enough: the keys of a drive stand nowhere else.
-    drive = Section(values=drive.values, path=drive.path, report=drive.report, label=section.label)
-    gear = read_number(drive, "gear", "")
-    if gear == 0:
-        text = "must not be 0; it is the number of motor turns per turn of the joint"
-        drive.refuse("robot.out-of-range", "gear", text)
-    constant = read_number(drive, "torque_constant", "N*m/A")
-    ratio = float(gear or 1)
-    return Drive(
-        gear=ratio,
-        has_rotor="rotor_inertia" in drive.values,
-        rotor_inertia=_read_rotor_inertia(drive, ratio),
-        torque_constant=None if constant is None else float(constant),
-    )
-
-
-def _read_rotor_inertia(drive: Section, gear: float) -> float | None:
-    """Return the rotor inertia on the joint side, None where it is unknown."""
-    side = read_choice(drive, "rotor_inertia_side", ("motor", "joint"))
-    if "rotor_inertia" not in drive.values:
-        if side:
-            text = f'stands alone; write rotor_inertia = 1e-5 (kg*m^2) or "{_UNKNOWN}", or leave it out'
-            drive.refuse_key("robot.rotor-side", "rotor_inertia_side", text)
-        return None
-    if drive.values["rotor_inertia"] == _UNKNOWN:
-        return None
-    value = read_number(drive, "rotor_inertia", "kg*m^2", NOT_NEGATIVE)
-    if "rotor_inertia_side" not in drive.values:
-        text = 'needs its side: write rotor_inertia_side = "motor" or rotor_inertia_side = "joint"'
-        drive.refuse_key("robot.rotor-side", "rotor_inertia", text)
-    if value is None:
-        return None
-    return float(value) * (gear**2 if side == "motor" else 1.0)
-
-
-def _read_friction(section: Section, *, prismatic: bool) -> FrictionValues:
-    names = sorted({name for group in FRICTION_PARAMETERS.values() for name in group})
-    table = read_table(section, "friction", ("model", *names))
-    if table is None:
-        return FrictionValues()
-    if "model" not in table.values:
-        table.refuse_key("robot.missing-key", "model", 'missing; write model = "viscous_coulomb"')
-    model = read_choice(table, "model", [kind.value for kind in FrictionKind])
-    if model is None:
-        for name in names:
-            read_number(table, name, _find_friction_unit(name, prismatic=prismatic))
-        return FrictionValues()
-    kind = FrictionKind(model)
-    _check_friction_names(table, kind, names)
-    wanted = FRICTION_PARAMETERS[kind]
-    given = [read_number(table, name, _find_friction_unit(name, prismatic=prismatic)) for name in wanted]
-    for name, value in zip(wanted, given, strict=True):
-        if name != "offset" and value is not None and value < 0:
-            text = f"{value} drives the joint instead of braking it; friction coefficients are positive"
-            table.warn("robot.negative-friction", name, text)
-    values = tuple(float(value) for value in given if value is not None)
-    return FrictionValues(kind=kind, values=values if values and len(values) == len(wanted) else None)
-
-
-def _check_friction_names(table: Section, kind: FrictionKind, names: list[str]) -> None:
-    wanted = FRICTION_PARAMETERS[kind]
-    for name in names:
-        if name in table.values and name not in wanted:
-            allowed = f"its values are {', '.join(wanted)}" if wanted else "it has no values"
-            text = f'not a value of the model "{kind.value}"; {allowed}'
-            table.refuse_key("robot.friction-values", name, text)
-    missing = [name for name in wanted if name not in table.values]
-    if missing and len(missing) < len(wanted):
-        text = (
-            f"without {', '.join(missing)}; give all of {', '.join(wanted)}, or none where they are unknown"
-        )
-        table.refuse_key("robot.friction-values", next(name for name in wanted if name in table.values), text)
-
-
-def _find_friction_unit(name: str, *, prismatic: bool) -> str:
-    if name.startswith("Fv"):
-        return "N*s/m" if prismatic else "N*m*s/rad"
-    return "N" if prismatic else "N*m"
+    found = read_choice(section, "kind", _KINDS)
+    return _KINDS[found] if found else JointKind.REVOLUTE
 
 
 def _read_limits(section: Section, *, prismatic: bool) -> Limits:
@@ -259,6 +231,9 @@ def _read_limits(section: Section, *, prismatic: bool) -> Limits:
     if position and position[0] >= position[1]:
         text = f"the lower limit {position[0]} must be less than the upper limit {position[1]}"
         table.refuse("robot.out-of-range", "position", text)
+    if section.values.get("kind") == "continuous" and "position" in table.values:
+        text = 'a continuous joint has none; leave them out, or write kind = "revolute"'
+        table.refuse_key("robot.continuous-limits", "position", text)
     velocity = read_number(table, "velocity", f"{unit}/s", POSITIVE)
     torque = read_number(table, "torque", "N" if prismatic else "N*m", POSITIVE)
     return Limits(

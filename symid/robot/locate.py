@@ -1,6 +1,6 @@
 """Where robot files are: in a path, in ./robots, or among those that come with symid.
 
-Input: a path or a name. Output: the path of a robot file.
+Input: a path or a name. Output: the path of a robot file, TOML or URDF.
 """
 
 import difflib
@@ -10,13 +10,19 @@ from pathlib import Path
 from symid.errors import Notice, UsageError
 from symid.resources import find_resource_folder
 
-__all__ = ["find_robot_file", "list_robots"]
+__all__ = ["find_robot_file", "is_urdf", "list_robots"]
 
 _SUFFIX = ".toml"
+_URDF_SUFFIXES = (".urdf", ".xml", ".xacro")
 
 
 def _find_folders() -> tuple[Path, ...]:
     return (Path("robots"), find_resource_folder("robots"))
+
+
+def is_urdf(path: Path) -> bool:
+    """Return whether the name of a file says that it is a URDF, or a xacro file, which is refused as such."""
+    return path.suffix.lower() in _URDF_SUFFIXES
 
 
 def list_robots() -> tuple[str, ...]:
@@ -52,15 +58,15 @@ def _is_file(path: Path) -> bool:
 
 def _explain(path: Path) -> str:
     if os.path.isdir(path):  # noqa: PTH112  the same
-        return (
-            f"'{path}' is a folder; give a robot file (.toml) or a robot's name: {', '.join(list_robots())}"
-        )
+        known = ", ".join(list_robots())
+        return f"'{path}' is a folder; give a robot file (.toml, .urdf) or a robot's name: {known}"
     if path.parent != Path():
-        siblings = [str(other) for other in sorted(path.parent.glob(f"*{_SUFFIX}"))]
+        siblings = [str(other) for end in (_SUFFIX, ".urdf") for other in sorted(path.parent.glob(f"*{end}"))]
         near = difflib.get_close_matches(str(path), siblings, n=3, cutoff=0.6)
-        hint = f"did you mean {' or '.join(near)}?" if near else "give the path of a .toml file"
+        hint = f"did you mean {' or '.join(near)}?" if near else "give the path of a .toml or .urdf file"
         return f"there is no robot file '{path}'; {hint}"
     names = list_robots()
     near = difflib.get_close_matches(path.name.lower().removesuffix(_SUFFIX), names, n=3, cutoff=0.5)
     hint = f"did you mean {' or '.join(near)}? " if near else ""
-    return f"there is no robot '{path}'; {hint}known are {', '.join(names)}, or give the path of a .toml file"
+    known = ", ".join(names)
+    return f"there is no robot '{path}'; {hint}known are {known}, or give the path of a .toml or .urdf file"

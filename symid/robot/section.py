@@ -26,6 +26,7 @@ __all__ = [
     "Report",
     "Section",
     "explain_number",
+    "find_element",
     "find_nearest",
     "read_choice",
     "read_flag",
@@ -80,9 +81,9 @@ class Section:
         place = self.report.places.find_value((*self.path, key, *inner))
         self.report.errors.append(self._notice(code, place, key, text))
 
-    def warn(self, code: str, key: str, text: str) -> None:
-        """Add a warning at the value of `key`."""
-        place = self.report.places.find_value((*self.path, key))
+    def warn(self, code: str, key: str, text: str, *inner: int) -> None:
+        """Add a warning at the value of `key`, or at its element `inner`."""
+        place = self.report.places.find_value((*self.path, key, *inner))
         self.report.warnings.append(self._notice(code, place, key, text))
 
     def refuse_key(self, code: str, key: str, text: str) -> None:
@@ -140,6 +141,14 @@ def find_nearest(name: str, allowed: Iterable[str], *, likeness: float = 0.5) ->
     near = difflib.get_close_matches(name.lower(), [known.lower() for known in names], n=2, cutoff=likeness)
     found = [known for known in names if known.lower() in near]
     return f"did you mean {' or '.join(found)}?" if found else ""
+
+
+def find_element(section: Section, key: str, *inner: int) -> object:
+    """Return the value at `key`, or its element `inner`, as it was read; None where there is none."""
+    value: Any = section.values.get(key)
+    for index in inner:
+        value = value[index] if isinstance(value, list) and index < len(value) else None
+    return value
 
 
 def refuse_unknown_keys(section: Section, allowed: Iterable[str]) -> None:

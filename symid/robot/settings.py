@@ -11,7 +11,8 @@ from collections.abc import Sequence
 from decimal import Decimal
 from typing import Any
 
-from symid.robot.description import Decimation, Joint, JointKind, LogMap, LogQuantity, Processing
+from symid.robot.description import Joint, JointKind
+from symid.robot.log_map import Decimation, LogMap, LogQuantity, Processing
 from symid.robot.section import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -97,7 +98,8 @@ def _read_decimation(table: Section) -> Decimation:
 
 
 def read_log(root: Section, joints: Sequence[Joint]) -> LogMap:
-    """Return the `[log]` table for a robot with these joints."""
+    """Return the `[log]` table for a robot with these joints; those that follow another have no column."""
+    joints = [joint for joint in joints if joint.mimic is None]
     table = read_table(root, "log", _QUANTITIES)
     if table is None:
         return LogMap()

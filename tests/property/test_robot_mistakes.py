@@ -1,6 +1,6 @@
 """Whatever stands in the place of a value, the reader answers with a robot or with places of mistakes."""
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from symid.errors import RobotError
@@ -10,9 +10,12 @@ from symid.robot.toml import parse_robot
 TEXT = """name = "arm"
 description = "d"
 convention = "standard"
-gravity = [0, 0, -9.81]
+gravity = [0, "-g", -9.81]
 [symbols]
 L1 = 0.25
+m1 = 2
+I1 = 0.5
+g = 1.5
 [[joint]]
 name = "a"
 kind = "revolute"
@@ -29,9 +32,23 @@ limits = { position = [-1, 2], velocity = 3, torque = 4 }
 name = "b"
 kind = "prismatic"
 link = { standard = { XX = 1, YY = 1, ZZ = 1, M = 2 } }
+mimic = { joint = "a", multiplier = "1/3", offset = 0.1 }
+spring = { stiffness = 3, rest = 0.1 }
+elasticity = { stiffness = "unknown" }
+[[joint]]
+name = "c"
+kind = "fixed"
+origin = { xyz = [0, 0.1, "L1"], rpy = [0, 1, "2*atan(1/3)"] }
+frame = { quaternion = [1, 0, 0, "1/2"] }
+link = { mass = "m1", com = ["L1", 0, 0], inertia = { zz = "I1", yy = "2*I1", xx = "I1" } }
+[[coupling]]
+name = "m"
+terms = { a = 1, b = "1/2" }
+rotor_inertia = 0.1
+friction = { model = "viscous_coulomb" }
 [log]
 time = { column = "t", unit = "ms" }
-torque = { columns = ["u", "v"], unit = "V", factor = [2, 3.5], side = "motor" }
+torque = { columns = ["u"], unit = "V", factor = [2], side = "motor" }
 [processing]
 filter_cutoff = 50
 decimation = { factor = 10, band = 0.8 }
@@ -41,10 +58,12 @@ PLACES = find_places(TEXT)
 VALUES = sorted((place for path, place in PLACES.values.items() if f" = {place.text}" in TEXT), key=repr)
 ODD = """
 -1 | 0 | 1e400 | nan | -inf | true | "" | "L1" | "x y" | [] | [1] | ["u"] | [[]] | {} | { x = 1 } | 1979-05-27
+| "1/0" | "sqrt(2)" | "2*atan(m1)" | "unknown" | "c" | [0, 0, 0, 0] | [1, 2, 3, 4] | "-1/2*m1"
 | [0, 0, 0] | "3 mm" | "base" | "A" | [true, nan] | 99999999999999999999999999999999999999
 """
 
 
+@settings(max_examples=1000)
 @given(st.sampled_from(VALUES), st.sampled_from([odd.strip() for odd in ODD.split("|")]))
 def test_any_value_is_read_or_told(place, odd):
     lines = TEXT.split("\n")
@@ -53,6 +72,10 @@ def test_any_value_is_read_or_told(place, odd):
     lines[place.line - 1] = line[:start] + odd + line[start + len(place.text) :]
     notices = find_notices("\n".join(lines))
     assert all(notice.line and notice.column and notice.text for notice in notices)
+
+
+def test_the_text_itself_is_read():
+    assert {notice.code for notice in find_notices(TEXT)} == {"robot.lumped", "robot.elastic-joint"}
 
 
 def find_notices(text):

@@ -1,5 +1,7 @@
 """The plant against closed solutions, an adaptive integrator and the energy theorem."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,6 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from symid.errors import SolverError, UsageError
+from symid.simulation.friction import find_friction_lines
 from symid.simulation.plant import Plant, PlantState, start_state
 
 PULL = (0.0,)
@@ -154,6 +157,15 @@ def test_friction_that_pushes_is_refused(make_library):
     with pytest.raises(UsageError, match="must oppose motion") as caught:
         Plant(make_library("pendulum", (0.5, 0.0), ("viscous_coulomb",), (0.0, -1.0)))
     assert caught.value.notices[0].code == "usage.negative-friction"
+
+
+def test_friction_that_is_not_of_one_joint_alone_is_refused(make_library):
+    library = make_library("pendulum", (0.5, 0.0), ("viscous_coulomb",), (0.0, 1.0))
+    shared = replace(library.card.friction[1], name="Fvm")
+    card = replace(library.card, friction=(*library.card.friction, shared))
+    with pytest.raises(UsageError, match="cannot make such joints stick") as caught:
+        find_friction_lines(card)
+    assert caught.value.notices[0].code == "usage.shared-friction"
 
 
 def test_endless_stops_are_an_error_with_a_remedy(make_library, monkeypatch):

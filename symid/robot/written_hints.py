@@ -1,0 +1,64 @@
+"""What a robot file could say of a joint and does not, as comments to be filled in.
+
+Input: a joint. Output: lines of comments; without their "# " they are valid, with made-up numbers.
+"""
+
+from symid.robot.description import Drive, FrictionKind, Joint, JointKind, Limits
+
+__all__ = ["list_hints"]
+
+_COLUMN = 37
+
+
+def _comment(text: str, meaning: str = "") -> str:
+    line = f"# {text}"
+    return f"{line:<{_COLUMN}}{'  ' if len(line) >= _COLUMN else ''}# {meaning}" if meaning else line
+
+
+def list_hints(joint: Joint) -> list[str]:
+    """Return the tables that `joint` does not have, each line a comment with its unit and an example."""
+    prismatic = joint.kind is JointKind.PRISMATIC
+    unit = "m" if prismatic else "rad"
+    torque = "N" if prismatic else "N m"
+    lines: list[str] = []
+    if joint.inertial is None:
+        lines += [
+            "",
+            _comment("[joint.link]"),
+            _comment("mass = 1.5", "kg"),
+            _comment("com = [0, 0, 0.1]", "m, in the link's frame"),
+            _comment("inertia = { xx = 0.01, yy = 0.01, zz = 0.01 }", "kg m^2, about the centre of mass"),
+        ]
+    if joint.drive == Drive():
+        lines += [
+            "",
+            _comment("[joint.drive]"),
+            _comment("gear = 100", "motor turns per turn of the joint (motor rad per m of a slide)"),
+            _comment("rotor_inertia = 1e-5", 'kg m^2, or "unknown": it is identified'),
+            _comment('rotor_inertia_side = "motor"', 'or "joint"'),
+            _comment("torque_constant = 0.1", "N m/A, for logs of motor currents"),
+        ]
+    if joint.friction.kind is FrictionKind.NONE:
+        lines += [
+            "",
+            _comment("[joint.friction]"),
+            _comment('model = "viscous_coulomb_offset"', "with all of these values, or none: unknown"),
+            _comment("Fv = 1.0", f"{torque} s/{unit}"),
+            _comment("Fc = 2.0", torque),
+            _comment("offset = 0.0", torque),
+        ]
+    if joint.elasticity is None:
+        lines += [
+            "",
+            _comment("[joint.elasticity]"),
+            _comment('stiffness = "unknown"', f"{torque}/{unit}, of the gear between motor and link"),
+        ]
+    if joint.limits == Limits():
+        lines += [
+            "",
+            _comment("[joint.limits]"),
+            _comment("position = [-1, 1]", unit),
+            _comment("velocity = 2", f"{unit}/s"),
+            _comment("torque = 50", torque),
+        ]
+    return lines

@@ -1,0 +1,258 @@
+"""A robot that is written and read again is the same robot: placements exactly, values to the last digits."""
+
+import dataclasses
+from fractions import Fraction
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from symid.robot.description import (
+    Coupling,
+    Drive,
+    Elasticity,
+    FrictionKind,
+    FrictionValues,
+    Joint,
+    JointKind,
+    Limits,
+    LinkForm,
+    Mimic,
+    Robot,
+    Spring,
+)
+from symid.robot.geometry import (
+    IDENTITY,
+    Exact,
+    Placement,
+    compose_placements,
+    find_angle,
+    rotate_x,
+    rotate_z,
+)
+from symid.robot.joint_friction import FRICTION_PARAMETERS
+from symid.robot.log_map import Decimation, LogMap, LogQuantity, Processing
+from symid.robot.rotations import (
+    find_quaternion,
+    find_rotation,
+    find_rpy,
+    find_tangent_angle,
+    rotate_rpy,
+    rotate_y,
+)
+from symid.robot.toml import parse_robot
+from symid.robot.writer import write_robot
+
+FRACTIONS = st.fractions(-3, 3, max_denominator=1000)
+NUMBERS = st.floats(-100, 100, allow_nan=False).filter(lambda x: x == 0 or abs(x) > 1e-20)
+POSITIVE = st.floats(1e-6, 1e3)
+SURDS = st.builds(Exact.surd, FRACTIONS, FRACTIONS, FRACTIONS, FRACTIONS)
+ANGLES = st.one_of(
+    st.integers(-12, 12).map(lambda k: find_angle(k * np.pi / 12)),
+    st.floats(-3.1, 3.1).map(find_angle),
+    # Within the distance that is snapped when it is written as a decimal.
+    st.floats(-1e-6, 1e-6).map(lambda x: find_angle(x, snap=0.0)),
+    st.fractions(-50, 50, max_denominator=10**12).map(lambda t: find_tangent_angle(Exact.of(t))),
+)
+LENGTHS = st.one_of(
+    st.decimals(-2, 2, places=5).map(lambda x: Exact.of(str(x))),
+    SURDS,
+    st.fractions(-2, 2, max_denominator=10**20).map(Exact.of),
+    FRACTIONS.map(lambda x: Exact.of(x) * Exact.symbol("L1") + Exact.of("0.1")),
+)
+TURNS = st.one_of(
+    ANGLES.map(rotate_x),
+    ANGLES.map(rotate_z),
+    st.tuples(ANGLES, ANGLES, ANGLES).map(lambda angles: rotate_rpy(*angles)),
+    # Products whose pitch has a cosine outside of the field.
+    st.tuples(ANGLES, ANGLES, ANGLES).map(
+        lambda a: compose_placements(rotate_x(a[0]), compose_placements(rotate_y(a[1]), rotate_x(a[2])))
+    ),
+)
+
+
+@st.composite
+def placements(draw):
+    turn = draw(TURNS)
+    translation = draw(st.one_of(st.just(IDENTITY.translation), st.tuples(LENGTHS, LENGTHS, LENGTHS)))
+    return Placement(rotation=turn.rotation, translation=translation)
+
+
+@given(TURNS)
+def test_every_rotation_has_a_quaternion(turn):
+    assert find_rotation(find_quaternion(turn.rotation)) == turn.rotation
+
+
+@given(st.tuples(ANGLES, ANGLES, ANGLES))
+def test_roll_pitch_and_yaw_are_found_where_they_were(angles):
+    turn = rotate_rpy(*angles)
+    found = find_rpy(turn.rotation)
+    assert found is not None
+    assert rotate_rpy(*found).rotation == turn.rotation
+
+
+@st.composite
+def frictions(draw):
+    kind = draw(st.sampled_from(list(FrictionKind)))
+    count = len(FRICTION_PARAMETERS[kind])
+    values = draw(st.one_of(st.none(), st.tuples(*[NUMBERS] * count))) if count else None
+    return FrictionValues(kind=kind, values=values)
+
+
+@st.composite
+def drives(draw):
+    gear = draw(NUMBERS.filter(bool))
+    has_rotor = draw(st.booleans())
+    inertia = draw(st.one_of(st.none(), st.just(0.0), POSITIVE)) if has_rotor else None
+    constant = draw(st.one_of(st.none(), NUMBERS))
+    return Drive(gear=gear, has_rotor=has_rotor, rotor_inertia=inertia, torque_constant=constant)
+
+
+@st.composite
+def bodies(draw):
+    """Ten parameters of a few point masses."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    masses, points = rng.uniform(0.1, 2, 5), rng.uniform(-0.5, 0.5, (5, 3))
+    tensor = sum(m * (p @ p * np.eye(3) - np.outer(p, p)) for m, p in zip(masses, points, strict=True))
+    return tuple(
+        float(x) for x in (*tensor[0], *tensor[1, 1:], tensor[2, 2], *(masses @ points), masses.sum())
+    )
+
+
+@st.composite
+def joints(draw, index):
+    unknown = st.one_of(st.none(), POSITIVE)
+    kind = draw(st.sampled_from(list(JointKind)))
+    low, high = sorted(draw(st.tuples(NUMBERS, NUMBERS)))
+    limits = Limits(
+        position=(low, high) if low < high else None,
+        velocity=draw(unknown),
+        torque=draw(unknown),
+    )
+    follows = index > 0 and draw(st.booleans())
+    return Joint(
+        name=draw(st.text(min_size=1, max_size=6).filter(lambda x: x.strip() and x != "base")) + str(index),
+        kind=kind,
+        parent=draw(st.integers(-1, index - 1)),
+        placement=draw(placements()),
+        frame=draw(st.one_of(st.just(IDENTITY), placements())),
+        inertial=draw(st.one_of(st.none(), bodies())),
+        drive=draw(drives()),
+        friction=draw(frictions()),
+        limits=limits,
+        mimic=Mimic(master=0, multiplier=draw(FRACTIONS.filter(bool))) if follows else None,
+        spring=draw(st.one_of(st.none(), st.builds(Spring, stiffness=unknown, rest=unknown))),
+        elasticity=draw(st.one_of(st.none(), st.builds(Elasticity, stiffness=unknown))),
+    )
+
+
+@st.composite
+def robots(draw):
+    found = tuple(draw(joints(index)) for index in range(draw(st.integers(1, 3))))
+    terms = tuple((index, draw(FRACTIONS.filter(bool))) for index in range(len(found)))
+    coupling = Coupling(name="m6", terms=terms, has_rotor=draw(st.booleans()), friction=draw(frictions()))
+    return Robot(
+        name="arm",
+        description=draw(st.text(st.characters(codec="utf-8"), max_size=9)),
+        joints=found,
+        gravity=draw(st.tuples(SURDS, SURDS, SURDS)),
+        symbols=(("L1", 0.25),),
+        convention=draw(st.sampled_from(["modified", "standard", "urdf"])),
+        couplings=draw(st.sampled_from([(), (coupling,)])),
+    )
+
+
+@settings(max_examples=100)
+@given(robots(), st.booleans())
+def test_a_written_robot_is_read_as_the_same(robot, hints):
+    text = write_robot(robot, comment="Made by hand.\nOr not.", hints=hints)
+    again = parse_robot(text, "arm.toml")
+    for mine, other in zip(robot.joints, again.joints, strict=True):
+        assert (mine.inertial is None) == (other.inertial is None)
+        if mine.inertial is not None:
+            np.testing.assert_allclose(other.inertial, mine.inertial, rtol=0, atol=1e-11)
+    bare = [tuple(dataclasses.replace(joint, inertial=None) for joint in x.joints) for x in (robot, again)]
+    assert bare[0] == bare[1]
+    same = ("name", "description", "gravity", "symbols", "couplings", "log", "processing")
+    assert [getattr(robot, name) for name in same[:-1]] == [getattr(again, name) for name in same[:-1]]
+
+
+@given(st.lists(st.tuples(ANGLES, LENGTHS, LENGTHS, ANGLES), min_size=1, max_size=3), st.booleans())
+def test_rows_stay_rows(rows, standard):
+    convention = "standard" if standard else "modified"
+    joints, frame = [], IDENTITY
+    for index, (alpha, a, d, theta) in enumerate(rows):
+        before = compose_placements(
+            rotate_x(alpha), Placement(rotation=IDENTITY.rotation, translation=(a, *[Exact()] * 2))
+        )
+        turned = compose_placements(
+            Placement(rotation=IDENTITY.rotation, translation=(Exact(), Exact(), d)), rotate_z(theta)
+        )
+        after = compose_placements(
+            Placement(rotation=IDENTITY.rotation, translation=(a, *[Exact()] * 2)), rotate_x(alpha)
+        )
+        placement = compose_placements(frame, turned) if standard else compose_placements(before, turned)
+        frame = after if standard else IDENTITY
+        joints.append(
+            Joint(
+                name=f"j{index}", kind=JointKind.REVOLUTE, parent=index - 1, placement=placement, frame=frame
+            )
+        )
+    robot = Robot(name="arm", joints=tuple(joints), convention=convention, symbols=(("L1", 1.0),))
+    text = write_robot(robot)
+    assert "origin" not in text
+    again = parse_robot(text)
+    assert again.joints == robot.joints
+    assert again.convention == convention
+
+
+def test_symbols_of_links_and_settings_are_written():
+    zero = Exact()
+    form = LinkForm(
+        mass=Exact.symbol("m1"),
+        com=(Exact.symbol("lc1"), zero, -Exact.symbol("lc1")),
+        inertia=(Exact.symbol("I1"), zero, zero, Exact.symbol("I1"), zero, Exact.of(Fraction(1, 3))),
+    )
+    joint = Joint(name="a", kind=JointKind.REVOLUTE, parent=-1, placement=IDENTITY, form=form)
+    log = LogMap(
+        time=LogQuantity(columns=("t",), unit="ms"),
+        torque=LogQuantity(columns=('u "left"',), unit="V", factor=(35.15,), side="motor"),
+    )
+    processing = Processing(filter_cutoff=50.0, standstill=0.1, decimation=Decimation(factor=4))
+    symbols = (("I1", 0.5), ("lc1", 0.1), ("m1", 2.0))
+    robot = Robot(name="arm", joints=(joint,), symbols=symbols, log=log, processing=processing)
+    again = parse_robot(write_robot(robot))
+    assert again.joints[0].form == form
+    assert (again.log, again.processing, again.symbols) == (log, processing, symbols)
+
+
+def test_values_that_no_body_has_are_left_out_and_said():
+    weightless = Joint(
+        name="a", kind=JointKind.REVOLUTE, parent=-1, placement=IDENTITY, inertial=(1.0,) + (0.0,) * 9
+    )
+    impossible = dataclasses.replace(
+        weightless, name="b", parent=0, inertial=(3.0, 0, 0, 1, 0, 1, 0, 0, 0, 1.0)
+    )
+    text = write_robot(Robot(name="1 arm!", joints=(weightless, impossible)))
+    assert "# the link's values are left out: its mass is not positive" in text
+    assert "# the link's values are left out: the principal moments" in text
+    again = parse_robot(text)
+    assert [joint.inertial for joint in again.joints] == [None, None]
+    assert again.name == "robot_1_arm_"
+
+
+def test_hints_without_their_marks_are_valid():
+    joints = tuple(
+        Joint(name=name, kind=kind, parent=-1, placement=IDENTITY)
+        for name, kind in (("turn", JointKind.REVOLUTE), ("slide", JointKind.PRISMATIC))
+    )
+    text = write_robot(Robot(name="arm", joints=joints), comment="Made by hand.", hints=True)
+    head, _, body = text.partition("\n")
+    filled = "\n".join(line.removeprefix("# ") for line in body.split("\n"))
+    assert head == "# Made by hand."
+    for joint in parse_robot(filled).joints:
+        assert joint.inertial is not None
+        assert joint.drive.has_rotor
+        assert joint.friction.values == (1.0, 2.0, 0.0)
+        assert joint.elasticity == Elasticity()
+        assert joint.limits.torque == 50.0

@@ -1,0 +1,221 @@
+"""Frames that depend on the robot alone: the same numbers whatever frames an author chose."""
+
+import dataclasses
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from symid.codegen.casadi_functions import build_functions
+from symid.codegen.instructions import count_operations
+from symid.codegen.program import build_program
+from symid.dynamics.base import find_base_parameters
+from symid.robot.axis_frames import invert_placement
+from symid.robot.geometry import (
+    IDENTITY,
+    Exact,
+    compose_placements,
+    find_angle,
+    place_modified_dh,
+    rotate_z,
+    translate,
+)
+from symid.robot.reframing import reframe_joints
+from symid.robot.urdf import parse_urdf
+from symid.robot.urdf_writer import write_urdf
+from tests.chains import build_chain, build_joint, build_pinocchio, draw_parameters
+from tests.urdfs import AXES, is_orthogonal, shift_z, write_odd_urdf
+
+# Modified rows in degrees and m, as in the robot files; d of a last link is 0, where its frame is free.
+ROWS = {
+    "puma560": [
+        (0, 0, 0, "q"),
+        (90, 0, 0, "q"),
+        (0, 0.4318, 0.15005, "q"),
+        (-90, 0.0203, 0.4318, "q"),
+        (90, 0, 0, "q"),
+        (-90, 0, 0, "q"),
+    ],
+    "panda": [
+        (0, 0, 0.333, "q"),
+        (-90, 0, 0, "q"),
+        (90, 0, 0.316, "q"),
+        (90, 0.0825, 0, "q"),
+        (-90, -0.0825, 0.384, "q"),
+        (90, 0, 0, "q"),
+        (90, 0.088, 0, "q"),
+    ],
+    "ur5": [
+        (0, 0, 0.0892, "q"),
+        (90, 0, 0, "q"),
+        (0, -0.425, 0, "q"),
+        (0, -0.39225, 0.10915, "q"),
+        (90, 0, 0.09465, "q"),
+        (-90, 0, 0, "q"),
+    ],
+    "stanford": [
+        (0, 0, 0, "q"),
+        (-90, 0, 0.1524, "q"),
+        (90, 0, "q", 0),
+        (0, 0, 0, "q"),
+        (-90, 0, 0, "q"),
+        (90, 0, 0, "q"),
+    ],
+    "ppr": [(0, 0, "q", 0), (-90, 0, "q", -90), (-90, 0, 0, "q")],
+    "rrp_twisted": [(0, 0, 0, "q"), (30, 0.2, 0.1, "q"), (60, 0.1, "q", 0)],
+}
+TURNS = (0, 90, 180, -90, 45, -135, 30, 60, -150, 15)
+SHIFTS = ("0", "0.1", "-0.25", "0.0001")
+
+
+def pick(rng, values):
+    return values[int(rng.integers(len(values)))]
+
+
+def build_robot(name):
+    rows = [
+        (np.radians(alpha), a, d, theta if theta == "q" else np.radians(theta))
+        for alpha, a, d, theta in ROWS[name]
+    ]
+    return build_chain(rows, name=name)
+
+
+def choose_frames(robot, rng, turns):
+    """Return the robot in link frames turned about and shifted along their axes."""
+    moves = [
+        compose_placements(
+            rotate_z(find_angle(np.radians(pick(rng, turns)) if turns else rng.uniform(-3, 3))),
+            shift_z(pick(rng, SHIFTS)),
+        )
+        for _ in robot.joints
+    ]
+    joints = []
+    for joint, move in zip(robot.joints, moves, strict=True):
+        placement = compose_placements(joint.placement, move)
+        if joint.parent >= 0:
+            placement = compose_placements(invert_placement(moves[joint.parent]), placement)
+        joints.append(dataclasses.replace(joint, placement=placement))
+    return dataclasses.replace(robot, joints=tuple(joints))
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_the_modified_form_stays_as_it_is(name):
+    robot = build_robot(name)
+    reframed = reframe_joints(robot.joints)
+    assert reframed.joints == robot.joints
+    assert reframed.moved_by == (0.0,) * robot.size
+
+
+@pytest.mark.parametrize("name", ROWS)
+@pytest.mark.parametrize("seed", range(4))
+def test_a_urdf_in_odd_frames_gives_the_modified_form_exactly(name, seed):
+    rng = np.random.default_rng(seed)
+    choices = [[pick(rng, values) for _ in ROWS[name]] for values in (TURNS, SHIFTS, list(AXES))]
+    robot = parse_urdf(write_odd_urdf(ROWS[name], *choices))
+    assert [joint.placement for joint in robot.joints] == [
+        joint.placement for joint in build_robot(name).joints
+    ]
+
+
+@pytest.mark.parametrize("name", ROWS)
+@pytest.mark.parametrize("turns", [TURNS, ()], ids=["multiples", "any"])
+def test_rounded_numbers_of_odd_frames_give_the_modified_form(name, turns):
+    robot = build_robot(name)
+    text = write_urdf(choose_frames(robot, np.random.default_rng(len(name)), turns))
+    assert [joint.placement for joint in parse_urdf(text).joints] == [
+        joint.placement for joint in robot.joints
+    ]
+
+
+def describe(robot):
+    """Return names and expressions of the base parameters, and the operations of two functions."""
+    base = find_base_parameters(robot)
+    functions = build_functions(robot, names=("inverse_dynamics", "torque_regressor"))
+    pairs = zip(functions.functions, functions.card.functions, strict=True)
+    counts = [count_operations(build_program(function, spec)) for function, spec in pairs]
+    return [(entry.name, entry.expression) for entry in base.parameters], counts
+
+
+@pytest.mark.parametrize("name", ["puma560", "panda", "ur5"])
+def test_names_and_operations_are_those_of_the_dh_table(name):
+    rng = np.random.default_rng(7)
+    choices = [[pick(rng, values) for _ in ROWS[name]] for values in (TURNS, SHIFTS, list(AXES))]
+    assert describe(parse_urdf(write_odd_urdf(ROWS[name], *choices))) == describe(build_robot(name))
+
+
+def test_physics_stays():
+    rng = np.random.default_rng(2)
+    robot = choose_frames(build_robot("rrp_twisted"), np.random.default_rng(4), TURNS)
+    parameters = draw_parameters(rng, robot.size)
+    joints = [
+        dataclasses.replace(joint, inertial=tuple(values))
+        for joint, values in zip(robot.joints, parameters, strict=True)
+    ]
+    other = dataclasses.replace(robot, joints=reframe_joints(joints).joints)
+    assert all(is_orthogonal(joint.placement) for joint in other.joints)
+    models = [
+        build_pinocchio(robot, parameters),
+        build_pinocchio(other, np.array([joint.inertial for joint in other.joints])),
+    ]
+    for _ in range(5):
+        state = rng.uniform(-3, 3, (3, robot.size))
+        first, second = (pin.rnea(model, model.createData(), *state) for model in models)
+        np.testing.assert_allclose(first, second, rtol=1e-12, atol=1e-12)
+
+
+def test_the_file_frame_stays_where_it_is():
+    robot = choose_frames(build_robot("puma560"), np.random.default_rng(9), TURNS)
+    reframed = reframe_joints(robot.joints).joints
+    poses = [[IDENTITY], [IDENTITY]]
+    for old, new in zip(robot.joints, reframed, strict=True):
+        for pose, joint in zip(poses, (old, new), strict=True):
+            pose.append(compose_placements(pose[-1], joint.placement))
+        assert compose_placements(poses[1][-1], new.frame) == compose_placements(poses[0][-1], old.frame)
+
+
+def test_in_a_tree_the_first_child_decides():
+    trunk = build_joint(0, (0.0, 0, 0, "q"))
+    first = build_joint(1, (np.pi / 2, 0.2, 0, "q"), parent=0)
+    placement = compose_placements(
+        rotate_z(find_angle(np.pi / 2)),
+        place_modified_dh(find_angle(np.pi / 2), *[Exact()] * 2, find_angle(0)),
+    )
+    second = dataclasses.replace(build_joint(2, (0.0, 0, 0, "q"), parent=0), placement=placement)
+    found = reframe_joints((trunk, first, second)).joints
+    assert [joint.placement for joint in found[:2]] == [trunk.placement, first.placement]
+    swapped = reframe_joints((trunk, second, first)).joints
+    assert swapped[0].placement == compose_placements(trunk.placement, rotate_z(find_angle(np.pi / 2)))
+
+
+def test_a_written_distance_with_an_irrational_length_keeps_its_frame():
+    first = build_joint(0, (0.0, 0, 0, "q"))
+    second = build_joint(1, (0.0, 0, 0, "q"))
+    aside = translate(Exact.of("0.1"), Exact.of("0.2"), Exact())
+    second = dataclasses.replace(second, placement=aside)
+    assert [joint.placement for joint in reframe_joints((first, second)).joints] == [IDENTITY, aside]
+
+
+def test_symbolic_lengths_are_moved_along():
+    first = build_joint(0, (0.0, 0, "L1", "q"))
+    second = build_joint(1, (0.0, "L2", 0, "q"))
+    turned = dataclasses.replace(
+        first, placement=compose_placements(first.placement, rotate_z(find_angle(2.0)))
+    )
+    back = rotate_z(find_angle(-2.0))
+    follower = dataclasses.replace(second, placement=compose_placements(back, second.placement))
+    found = reframe_joints((turned, follower), {"L1": 0.3, "L2": 0.4}).joints
+    # Both axes are parallel, so the offset along them goes to the last link, and there to its free frame.
+    assert [str(value) for value in found[0].placement.translation] == ["0", "0", "0"]
+    assert [str(value) for value in found[0].frame.translation] == ["0", "0", "L1"]
+
+
+def test_nearly_parallel_axes_become_parallel_and_that_is_said():
+    first = build_joint(0, (0.0, 0, 0, "q"))
+    tilted = place_modified_dh(find_angle(3e-6, snap=0), Exact.of("0.3"), Exact(), find_angle(0.2))
+    second = dataclasses.replace(build_joint(1, (0.0, 0, 0, "q")), placement=tilted)
+    reframed = reframe_joints((first, second))
+    assert [str(value) for value in reframed.joints[1].placement.rotation[2]] == ["0", "0", "1"]
+    assert reframed.moved_by[1] == pytest.approx(3e-6, rel=1e-3)
+    free = reframe_joints((first, second), snap=0)
+    assert free.moved_by[1] < 1e-12
+    assert free.joints[1].placement.rotation[2][1].to_float() == pytest.approx(3e-6)
