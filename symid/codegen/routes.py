@@ -127,7 +127,12 @@ ROUTES: Mapping[str, Routes] = {
     "forward_kinematics": {"chain of frames": build_forward_kinematics},
     "jacobian": {"axes in the base frame": build_jacobian},
     "mass_matrix": {**_MASS, "differentiation of the energy": derive_mass_matrix},
-    "coriolis_matrix": {"Slotine-Li torques of unit rates": build_coriolis_matrix},
+    "coriolis_matrix": {
+        "torques of unit rates": build_coriolis_matrix,
+        "torques of unit rates, shifted origins": _shift(build_coriolis_matrix),
+        "torques of unit rates, last links held": _hold(build_coriolis_matrix),
+        "torques of unit rates, shifted origins, last links held": _shift(_hold(build_coriolis_matrix)),
+    },
     "gravity": _TORQUE,
     "bias": _TORQUE,
     "inverse_dynamics": _TORQUE,

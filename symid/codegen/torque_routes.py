@@ -10,7 +10,7 @@ from dataclasses import replace
 from symid.codegen.meetings import meet_in_link
 from symid.codegen.outputs import lay_vector, line_up
 from symid.codegen.workspace import Elements, Workspace
-from symid.dynamics.newton_euler import find_inverse_dynamics, find_slotine_li_torques
+from symid.dynamics.newton_euler import find_inverse_dynamics
 from symid.dynamics.regressors import find_torque_columns
 from symid.dynamics.tensor_forms import find_tensor_torques
 from symid.robot.geometry import ZERO
@@ -45,13 +45,14 @@ def build_torques_by_regressor(workspace: Workspace) -> tuple[Elements, ...]:
 
 
 def build_coriolis_matrix(workspace: Workspace) -> tuple[Elements, ...]:
-    """Return C column by column: the Slotine-Li torque for dqr = e_k, ddqr = 0, less gravity."""
+    """Return C column by column: the torques for dqr = e_k, ddqr = 0, without gravity and springs."""
     recursion, algebra = workspace.recursion, workspace.recursion.algebra
     weightless = replace(recursion, robot=replace(workspace.robot, gravity=(ZERO, ZERO, ZERO)))
+    parameters = {key: value for key, value in workspace.parameters.items() if key[1] not in ("KS", "KR")}
     coordinates = range(workspace.robot.freedom)
     columns = []
     for k in coordinates:
         unit = workspace.spread([algebra.one if j == k else algebra.zero for j in coordinates])
-        torques = find_slotine_li_torques(weightless, (unit, workspace.zeros), workspace.parameters)
+        torques = find_tensor_torques(weightless, parameters, (unit, workspace.zeros))
         columns.append(lay_vector(workspace, torques))
     return (line_up(workspace, columns),)

@@ -13,7 +13,7 @@ from symid.algebra.scalar import Algebra, T
 from symid.algebra.vectors import Vector, add, cross, multiply, scale
 from symid.dynamics.composite import Body, Parameters, gather_body
 from symid.dynamics.drives import add_drive_torques
-from symid.dynamics.kinematics import Motion, Recursion, find_motions, lower_vector
+from symid.dynamics.kinematics import Recursion, lower_vector
 from symid.dynamics.wrenches import (
     Acceleration,
     Wrench,
@@ -27,8 +27,6 @@ __all__ = [
     "carry_down",
     "find_accelerations",
     "find_inverse_dynamics",
-    "find_reference_rates",
-    "find_slotine_li_torques",
 ]
 
 
@@ -64,35 +62,6 @@ def find_accelerations(recursion: Recursion[T]) -> tuple[Acceleration[T], ...]:
 def _lifted_gravity(robot: Robot, algebra: Algebra[T]) -> Vector[T]:
     x, y, z = (algebra.neg(algebra.constant(value)) for value in robot.gravity)
     return (x, y, z)
-
-
-def find_reference_rates(
-    recursion: Recursion[T], references: tuple[Motion[T], ...], reference_acceleration: tuple[T, ...]
-) -> tuple[Acceleration[T], ...]:
-    """Return the derivatives of the components of each link's reference velocity, gravity subtracted.
-
-    A_j = X A_p + (X v_r,p) x (z dq) + z ddqr, in link axes; X v_r,p is v_r,j without its own joint.
-    """
-    robot, algebra, state = recursion.robot, recursion.algebra, recursion.state
-    zero = algebra.zero
-    still = Acceleration(angular=(zero, zero, zero), linear=_lifted_gravity(robot, algebra))
-    result: list[Acceleration[T]] = []
-    for index, (joint, frame) in enumerate(zip(robot.joints, recursion.frames, strict=True)):
-        parent = result[joint.parent] if joint.parent >= 0 else still
-        turned = add(algebra, parent.linear, cross(algebra, parent.angular, frame.origin))
-        angular = lower_vector(algebra, frame, parent.angular)
-        linear = lower_vector(algebra, frame, turned)
-        rate: Vector[T] = (zero, zero, state.velocity[index])
-        own: Vector[T] = (zero, zero, reference_acceleration[index])
-        reference = references[index]
-        if frame.revolute:
-            # z x z = 0: the reference's own joint rate may stay in w and v.
-            angular = add(algebra, add(algebra, angular, cross(algebra, reference.angular, rate)), own)
-            linear = add(algebra, linear, cross(algebra, reference.linear, rate))
-        else:
-            linear = add(algebra, add(algebra, linear, cross(algebra, reference.angular, rate)), own)
-        result.append(Acceleration(angular=angular, linear=linear))
-    return tuple(result)
 
 
 def _link_wrench(
@@ -141,41 +110,3 @@ def find_inverse_dynamics(recursion: Recursion[T], parameters: Parameters[T]) ->
     ]
     torques = carry_down(recursion, wrenches)
     return add_drive_torques(recursion, torques, parameters, recursion.state.acceleration)
-
-
-def _find_momentum(algebra: Algebra[T], body: Body[T], angular: Vector[T], linear: Vector[T]) -> Wrench[T]:
-    """Return p = M v + w x MS and L = I w + MS x v."""
-    tensor, moments, mass = body
-    return Wrench(
-        force=add(algebra, scale(algebra, mass, linear), cross(algebra, angular, moments)),
-        moment=add(algebra, multiply(algebra, tensor, angular), cross(algebra, moments, linear)),
-    )
-
-
-def find_slotine_li_torques(
-    recursion: Recursion[T], reference: tuple[tuple[T, ...], tuple[T, ...]], parameters: Parameters[T]
-) -> tuple[T, ...]:
-    """Return M ddqr + C dqr + g; see `wrenches.find_slotine_li_wrench` for the factor C.
-
-    Args:
-        recursion: the robot in its state (q, dq).
-        reference: dqr and ddqr, rad/s and rad/s^2.
-        parameters: values of the parameters.
-    """
-    velocity, acceleration = reference
-    algebra = recursion.algebra
-    references = find_motions(recursion.robot, algebra, recursion.frames, velocity)
-    rates = find_reference_rates(recursion, references, acceleration)
-    wrenches = []
-    for link, (motion, other, rate) in enumerate(zip(recursion.motions, references, rates, strict=True)):
-        body = gather_body(algebra, parameters, link)
-        push = _find_momentum(algebra, body, rate.angular, rate.linear)
-        own = _find_momentum(algebra, body, motion.angular, motion.linear)
-        spin = Wrench(
-            force=cross(algebra, other.angular, own.force),
-            moment=add(
-                algebra, cross(algebra, other.angular, own.moment), cross(algebra, other.linear, own.force)
-            ),
-        )
-        wrenches.append(add_wrenches(algebra, push, spin))
-    return add_drive_torques(recursion, carry_down(recursion, wrenches), parameters, acceleration)

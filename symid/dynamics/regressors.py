@@ -14,17 +14,15 @@ from collections.abc import Callable, Sequence
 
 from symid.algebra.scalar import T
 from symid.dynamics.drives import DRIVE, find_drive_column
-from symid.dynamics.kinematics import Recursion, find_motions
-from symid.dynamics.newton_euler import find_reference_rates
+from symid.dynamics.kinematics import Recursion
 from symid.dynamics.screws import carry_screws, find_axis_screws, find_turned_screws
-from symid.dynamics.spins import find_spins
+from symid.dynamics.spins import Reference, find_spins
 from symid.dynamics.tensor_forms import find_spin_wrench
 from symid.dynamics.wrenches import (
     Meeting,
     Wrench,
     find_gravity_wrench,
     find_momentum,
-    find_slotine_li_wrench,
     project_columns,
 )
 
@@ -60,24 +58,13 @@ def find_torque_columns(
     recursion: Recursion[T], keys: Sequence[Key], *, meet: Meeting | None = None
 ) -> Columns[T]:
     """Return the torque regressor's columns: tau = Y(q, dq, ddq) pi."""
-    spins = find_spins(recursion)
-    return _collect(
-        recursion,
-        keys,
-        lambda link, name: find_spin_wrench(recursion.algebra, name, spins[link]),
-        (recursion.state.acceleration, 1),
-        meet,
-    )
+    return _find_spin_columns(recursion, None, keys, meet)
 
 
 def find_slotine_li_columns(
-    recursion: Recursion[T],
-    reference: tuple[tuple[T, ...], tuple[T, ...]],
-    keys: Sequence[Key],
-    *,
-    meet: Meeting | None = None,
+    recursion: Recursion[T], reference: Reference[T], keys: Sequence[Key], *, meet: Meeting | None = None
 ) -> Columns[T]:
-    """Return the columns of M ddqr + C dqr + g (Slotine and Li 1987).
+    """Return the columns of M ddqr + C dqr + g (Slotine and Li 1987); see `spins` for the factor C.
 
     Args:
         recursion: the robot in its state (q, dq).
@@ -85,17 +72,19 @@ def find_slotine_li_columns(
         keys: the parameters wanted.
         meet: where columns and screws meet.
     """
-    velocity, acceleration = reference
-    algebra, motions = recursion.algebra, recursion.motions
-    references = find_motions(recursion.robot, algebra, recursion.frames, velocity)
-    rates = find_reference_rates(recursion, references, acceleration)
+    return _find_spin_columns(recursion, reference, keys, meet)
+
+
+def _find_spin_columns(
+    recursion: Recursion[T], reference: Reference[T] | None, keys: Sequence[Key], meet: Meeting | None
+) -> Columns[T]:
+    spins = find_spins(recursion, reference)
+    accelerations = reference[1] if reference else recursion.state.acceleration
     return _collect(
         recursion,
         keys,
-        lambda link, name: find_slotine_li_wrench(
-            algebra, name, motions[link], references[link], rates[link]
-        ),
-        (acceleration, 1),
+        lambda link, name: find_spin_wrench(recursion.algebra, name, spins[link]),
+        (accelerations, 1),
         meet,
     )
 

@@ -15,7 +15,7 @@ from symid.dynamics.composite import Body, Parameters, gather_body
 from symid.dynamics.drives import add_drive_torques
 from symid.dynamics.kinematics import Recursion
 from symid.dynamics.newton_euler import carry_down
-from symid.dynamics.spins import Spin, find_spins
+from symid.dynamics.spins import Reference, Spin, find_spins
 from symid.dynamics.wrenches import Wrench
 from symid.notation import INERTIAL
 
@@ -29,7 +29,7 @@ def find_spin_wrench(algebra: Algebra[T], name: str, spin: Spin[T]) -> Wrench[T]
     if name == "M":
         return Wrench(force=spin.linear, moment=none)
     u = spin.tensor
-    (x, y, z), (yz, xz, xy), d = spin.rate, spin.products, spin.differences
+    (x, y, z), (yz, xz, xy), d = spin.axial, spin.products, spin.differences
     moments: dict[str, Vector[T]] = {
         "XX": (x, xz, neg(xy)),
         "XY": (neg(u[2][0]), u[2][1], d[2]),
@@ -50,7 +50,7 @@ def _find_moment(algebra: Algebra[T], tensor: tuple[tuple[T, T, T], ...], spin: 
     """Return I dw + w x I w, the moments of inertia that meet the same product of w taken together."""
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = tensor
     mul, minus, neg = algebra.mul, algebra.sub, algebra.neg
-    u, (x, y, z), p, d = spin.tensor, spin.rate, spin.products, spin.differences
+    u, (x, y, z), p, d = spin.tensor, spin.axial, spin.products, spin.differences
     return (
         total(
             algebra,
@@ -77,12 +77,20 @@ def _find_wrench(algebra: Algebra[T], body: Body[T], spin: Spin[T]) -> Wrench[T]
     )
 
 
-def find_tensor_torques(recursion: Recursion[T], parameters: Parameters[T]) -> tuple[T, ...]:
-    """Return the joint torques without friction: f = M a + U MS, n = I dw + w x I w + MS x a."""
+def find_tensor_torques(
+    recursion: Recursion[T], parameters: Parameters[T], reference: Reference[T] | None = None
+) -> tuple[T, ...]:
+    """Return the joint torques without friction: f = M a + U MS, n = I dw + w x I w + MS x a.
+
+    Args:
+        recursion: the robot in its state.
+        parameters: values of the parameters.
+        reference: dqr and ddqr for M ddqr + C dqr + g (see `spins`); None for the state's own dq and ddq.
+    """
     algebra = recursion.algebra
     wrenches = [
         _find_wrench(algebra, gather_body(algebra, parameters, link), spin)
-        for link, spin in enumerate(find_spins(recursion))
+        for link, spin in enumerate(find_spins(recursion, reference))
     ]
-    torques = carry_down(recursion, wrenches)
-    return add_drive_torques(recursion, torques, parameters, recursion.state.acceleration)
+    accelerations = reference[1] if reference else recursion.state.acceleration
+    return add_drive_torques(recursion, carry_down(recursion, wrenches), parameters, accelerations)

@@ -25,7 +25,6 @@ __all__ = [
     "add_wrenches",
     "find_gravity_wrench",
     "find_momentum",
-    "find_slotine_li_wrench",
     "lift_wrench",
     "pair",
     "project_columns",
@@ -94,27 +93,6 @@ def find_gravity_wrench(algebra: Algebra[T], name: str, motion: Motion[T]) -> Wr
         return Wrench(force=motion.gravity, moment=zero)
     axis = _unit(algebra, INERTIAL.index(name) - INERTIAL.index("MX"))
     return Wrench(force=zero, moment=cross(algebra, axis, motion.gravity))
-
-
-def find_slotine_li_wrench(
-    algebra: Algebra[T], name: str, motion: Motion[T], reference: Motion[T], rate: Acceleration[T]
-) -> Wrench[T]:
-    """Return I A_r + v_r x* (I v) per unit of one parameter, in the link's own components.
-
-    `rate` holds the derivatives of the *components* of the reference velocity, gravity subtracted.
-    v_r x* (p, L) = (w_r x p, w_r x L + v_r x p) is skew in v_r, hence dM/dt - 2C is skew
-    (the factorisation of Niemeyer and Slotine 1991).
-    """
-    moved = Motion(angular=rate.angular, linear=rate.linear, gravity=motion.gravity, height=motion.height)
-    push = find_momentum(algebra, name, moved)
-    momentum = find_momentum(algebra, name, motion)
-    spin = add(
-        algebra,
-        cross(algebra, reference.angular, momentum.moment),
-        cross(algebra, reference.linear, momentum.force),
-    )
-    swing = cross(algebra, reference.angular, momentum.force)
-    return Wrench(force=add(algebra, push.force, swing), moment=add(algebra, push.moment, spin))
 
 
 def lift_wrench(algebra: Algebra[T], frame: Frame[T], wrench: Wrench[T]) -> Wrench[T]:
