@@ -11,11 +11,11 @@ DEMO := demo
 WORKERS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint docs wheel benchmark clean
+.PHONY: help demo test test-slow lint docs wheel benchmark clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
-	@echo "make lint, docs, wheel, benchmark, clean"
+	@echo "make lint, test-slow, docs, wheel, benchmark, clean"
 
 $(VENV)/made:
 	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "symid needs Python 3.11 or later, set PYTHON")'
@@ -45,6 +45,10 @@ lint: $(VENV)/dev
 # The tests come last, so that pytest's closing line is the last one.
 test: lint
 	$(BIN)/python -m pytest --numprocesses $(WORKERS)
+
+# Every URDF of a package of seventy; prints a table.
+test-slow: $(VENV)/dev
+	$(BIN)/python -m pytest -m slow --capture=no --quiet tests/oracle/test_urdf_robots.py
 
 docs: $(VENV)/docs
 	$(BIN)/sphinx-build -W --keep-going -b html docs docs/_build/html

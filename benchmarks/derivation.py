@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
-from symid.codegen.catalogue import find_specs
+from symid.codegen.catalogue import find_robot_specs
 from symid.codegen.instructions import count_operations
 from symid.codegen.routes import choose_route
 from symid.dynamics.base import find_base_parameters
@@ -68,7 +68,7 @@ def list_robots() -> list[Robot]:
 def measure(robot: Robot) -> list[str]:
     """Return the cells of a robot's line."""
     base_time, base = clock(lambda: find_base_parameters(robot))
-    specs = find_specs(robot, base)
+    specs = find_robot_specs(robot, base)
     energy = "-"
     if robot.size <= LARGEST_ENERGY:
         energy = f"{clock(lambda: derive_energy(robot))[0]:.3f}"

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from symid.codegen.catalogue import find_specs
+from symid.codegen.catalogue import find_robot_specs
 from symid.codegen.functions import ModelCard
 from symid.codegen.model_card import build_model_card
 from symid.codegen.routes import choose_route
@@ -50,7 +50,7 @@ def build_functions(
     """
     check_symbols(robot)
     base = build_standard_parameters(robot) if standard else find_base_parameters(robot)
-    catalogue = find_specs(robot, base)
+    catalogue = find_robot_specs(robot, base)
     known = [spec.name for spec in catalogue]
     for name in names or ():
         if name not in known:

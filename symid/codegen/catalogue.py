@@ -1,16 +1,20 @@
 """The catalogue of functions in one table: names, ordered inputs and outputs, shapes, units.
 
-Input: a robot and its base parameters. Output: `FunctionSpec` records, in the order of the table.
+Input: a robot and its base parameters, or sizes alone. Output: `FunctionSpec` records, in the table's order.
 
 Supported: rigid robots with friction. Units are written for revolute joints; of a prismatic one read m for
 rad and N for N m.
 """
 
+from typing import TYPE_CHECKING
+
 from symid.codegen.functions import FunctionSpec, Port
-from symid.dynamics.base import BaseParameters
 from symid.robot.description import Robot
 
-__all__ = ["find_specs"]
+if TYPE_CHECKING:  # this loads SymPy, and users of a library do without
+    from symid.dynamics.base import BaseParameters
+
+__all__ = ["find_robot_specs", "find_specs"]
 
 # Name: shape in letters (n coordinates, l links, b inertial and p friction parameters), unit, meaning.
 _INPUTS = {
@@ -137,13 +141,21 @@ _FRICTION = (
 )
 
 
-def find_specs(robot: Robot, base: BaseParameters) -> tuple[FunctionSpec, ...]:
-    """Return the catalogue for a robot and the parameters that its functions take: beta, or pi.
+def find_specs(
+    joints: int, parameters: int, friction: int, *, links: int | None = None, vector: str = "beta"
+) -> tuple[FunctionSpec, ...]:
+    """Return the catalogue for so many coordinates, inertial and friction parameters.
 
     Without friction parameters the friction functions are left out: they would be empty code.
+
+    Args:
+        joints: joints with a coordinate of their own.
+        parameters: inertial parameters, drives included.
+        friction: friction parameters.
+        links: moving links; as many as joints by default.
+        vector: the name of the inertial parameters, beta or pi.
     """
-    friction = len(base.friction)
-    sizes = {"n": robot.freedom, "l": robot.size, "b": base.count, "p": friction}
+    sizes = {"n": joints, "l": joints if links is None else links, "b": parameters, "p": friction}
 
     def find_port(name: str, letters: str, unit: str, meaning: str, *, shared: bool = False) -> Port:
         shape = tuple(sizes[letter] if letter in sizes else int(letter) for letter in letters)
@@ -154,10 +166,15 @@ def find_specs(robot: Robot, base: BaseParameters) -> tuple[FunctionSpec, ...]:
             name=name,
             inputs=tuple(
                 find_port(key, *_INPUTS[key], shared=key in _SHARED)
-                for key in inputs.replace("beta", base.vector).split()
+                for key in inputs.replace("beta", vector).split()
             ),
             outputs=tuple(find_port(*output) for output in outputs),
             meaning=meaning,
         )
         for name, inputs, outputs, meaning in (_RIGID + _FRICTION if friction else _RIGID)
     )
+
+
+def find_robot_specs(robot: Robot, base: "BaseParameters") -> tuple[FunctionSpec, ...]:
+    """Return the catalogue for a robot and the parameters that its functions take."""
+    return find_specs(robot.freedom, base.count, len(base.friction), links=robot.size, vector=base.vector)

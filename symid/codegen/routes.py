@@ -9,7 +9,7 @@ Supported: everything the dynamics supports.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from symid.codegen.catalogue import find_specs
+from symid.codegen.catalogue import find_robot_specs
 from symid.codegen.energy_routes import (
     build_energy,
     build_energy_rows,
@@ -175,5 +175,5 @@ def find_route_counts(robot: Robot) -> tuple[RouteCount, ...]:
     """
     check_symbols(robot)
     base = find_base_parameters(robot)
-    specs = find_specs(robot, base)
+    specs = find_robot_specs(robot, base)
     return tuple(count for spec in specs for count in choose_route(robot, base, spec).counts)

@@ -19,7 +19,6 @@ from symid.robot.urdf_elements import Document, Element
 
 __all__ = [
     "Reading",
-    "describe_places",
     "find_only",
     "list_words",
     "read_decimal",
@@ -86,7 +85,7 @@ class Reading:
         notices = list(self.report.warnings)
         for kind, places in self.unused.items():
             often = "once" if len(places) == 1 else f"{len(places)} times"
-            text = f"not used: {kind} ({often}, {describe_places(places)})"
+            text = f"not used: {kind} ({often}, {_describe_places(places)})"
             notices.append(_at("robot.urdf-unused", text, places[0]))
         for (code, words), found in self.grouped.items():
             text = words.format(list_words(name for name, _ in found))
@@ -101,7 +100,7 @@ def _at(code: str, text: str, place: Place) -> Notice:
     return Notice(code=code, text=text, file=place.file, line=place.line, column=place.column)
 
 
-def describe_places(places: list[Place]) -> str:
+def _describe_places(places: list[Place]) -> str:
     """Return the first lines in words."""
     lines = [str(line) for line in dict.fromkeys(place.line for place in places)]
     more = ", ..." if len(lines) > _SHOWN else ""

@@ -68,9 +68,9 @@ def find_friction_lines(card: ModelCard) -> FrictionLines:
     found = [parameter.name for parameter in card.friction]
     if len(found) != len(wanted) or not all(map(str.startswith, found, wanted)):
         text = (
-            f"robot {card.robot!r} has friction that is not of one joint alone (of a coupled drive, of a joint "
-            "that follows another, or an offset grouped with a weight); simulation cannot make such joints "
-            "stick: leave that friction out of the robot file"
+            f"robot {card.robot!r} has friction that is not of one joint alone: of a coupled drive, of a "
+            "joint that follows another, or an offset grouped with a weight; simulation cannot make such "
+            "joints stick: leave that friction out of the robot file"
         )
         raise UsageError(Notice(code="usage.shared-friction", text=text))
     values = find_values(card.friction, card.robot)

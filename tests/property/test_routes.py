@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 
-from symid.codegen.catalogue import find_specs
+from symid.codegen.catalogue import find_robot_specs, find_specs
 from symid.codegen.routes import ROUTES, choose_route, find_route_counts
 from symid.dynamics.base import find_base_parameters
 from symid.notation import INERTIAL
@@ -44,7 +44,7 @@ def find_base_values(robot, base, rng):
 
 def draw_inputs(robot, base, rng):
     beta, links = find_base_values(robot, base, rng)
-    state = {name: rng.uniform(-reach, reach, robot.size) for name, reach in RANGES.items()}
+    state = {name: rng.uniform(-reach, reach, robot.freedom) for name, reach in RANGES.items()}
     return {**state, "beta": beta, "f": rng.uniform(-1, 1, len(base.friction))}, links
 
 
@@ -57,7 +57,7 @@ def assert_same(found, expected, tolerance, what):
 def check_routes(robot, seed):
     base = find_base_parameters(robot)
     inputs, _ = draw_inputs(robot, base, np.random.default_rng(seed))
-    for spec in find_specs(robot.freedom, base.count, len(base.friction)):
+    for spec in find_robot_specs(robot, base):
         programs = build_route_programs(robot, base, spec)
         (first, reference), *others = [(name, run_program(p, inputs)) for name, p in programs.items()]
         tolerance = 1e-7 if spec.name in SOLVED else 1e-11
@@ -67,7 +67,7 @@ def check_routes(robot, seed):
 
 
 @settings(max_examples=25, deadline=None)
-@given(robot=trees(most=4, rotors=True, friction=True))
+@given(robot=trees(most=4, rotors=True, friction=True, followers=True, couplings=True, springs=True))
 def test_all_routes_agree_on_random_trees(robot):
     check_routes(robot, 3)
 
@@ -101,7 +101,7 @@ def test_all_routes_equal_pinocchio(robot):
         "bias": pin.nonLinearEffects(model, data, q, dq),
         "inverse_dynamics": pin.rnea(model, data, q, dq, ddq),
     }
-    for spec in find_specs(robot.freedom, base.count, len(base.friction)):
+    for spec in find_robot_specs(robot, base):
         if spec.name in expected:
             for name, program in build_route_programs(robot, base, spec).items():
                 (found,) = run_program(program, inputs)
@@ -111,7 +111,7 @@ def test_all_routes_equal_pinocchio(robot):
 def test_the_route_with_the_fewest_operations_is_emitted():
     counts = find_route_counts(PUMA560)
     base = find_base_parameters(PUMA560)
-    for spec in find_specs(PUMA560.size, base.count, 0):
+    for spec in find_robot_specs(PUMA560, base):
         routes = [count for count in counts if count.function == spec.name]
         assert [count.route for count in routes] == list(ROUTES[spec.name])
         (chosen,) = [count for count in routes if count.chosen]

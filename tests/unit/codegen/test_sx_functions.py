@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from symid.codegen.catalogue import find_specs
+from symid.codegen.catalogue import find_robot_specs
 from symid.codegen.functions import FunctionSpec, Port
 from symid.codegen.instructions import Op, Program, count_operations
 from symid.codegen.program import build_program
@@ -38,7 +38,7 @@ def build(inputs, outputs, write):
 def test_what_casadi_holds_is_the_program(robot):
     base = find_base_parameters(robot)
     rng = np.random.default_rng(1)
-    for spec in find_specs(robot.freedom, base.count, len(base.friction)):
+    for spec in find_robot_specs(robot, base):
         program = choose_route(robot, base, spec).program
         function = build_function(program)
         assert count_operations(build_program(function, spec)) == count_operations(program), spec.name

@@ -8,6 +8,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from symid.algebra.floats import FloatAlgebra, build_float_state
+from symid.dynamics.kinematics import build_recursion
+from symid.dynamics.regressors import find_torque_columns
+from symid.notation import INERTIAL
 from symid.robot.description import (
     Coupling,
     Drive,
@@ -83,6 +87,20 @@ def test_pinocchio_reads_the_same_dynamics(name, robots_folder):
     state = np.random.default_rng(4).uniform(-2, 2, (3, robot.size))
     expected = pin.rnea(ours, ours.createData(), *state)
     np.testing.assert_allclose(find_torques(theirs, robot, state), expected, rtol=1e-11, atol=1e-11)
+
+
+@pytest.mark.parametrize("name", ["panda", "rrp_twisted"])
+def test_symid_has_the_torques_that_pinocchio_finds_in_the_text(name, robots_folder):
+    robot = fill(read_robot(robots_folder / f"{name}.toml"))
+    back = parse_urdf(write_urdf(robot))
+    state = np.random.default_rng(8).uniform(-2, 2, (3, robot.size))
+    keys = [(link, entry) for link in range(back.size) for entry in INERTIAL]
+    recursion = build_recursion(back, FloatAlgebra({}), build_float_state(*state))
+    columns = find_torque_columns(recursion, keys)
+    values = np.concatenate([joint.inertial for joint in back.joints])
+    ours = np.array([[float(entry) for entry in columns[key]] for key in keys]).T @ values
+    theirs = find_torques(pin.buildModelFromXML(write_urdf(robot)), back, state)
+    np.testing.assert_allclose(ours, theirs, rtol=1e-11, atol=1e-11)
 
 
 @pytest.fixture

@@ -1,0 +1,144 @@
+"""Random trees written as URDFs and read back; and URDFs with mistakes, which never end in a traceback."""
+
+import dataclasses
+
+import numpy as np
+import pinocchio as pin
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from symid.errors import RobotError
+from symid.robot.description import JointKind
+from symid.robot.urdf import parse_urdf
+from symid.robot.urdf_writer import write_urdf
+from tests.chains import build_pinocchio, draw_parameters, trees
+from tests.unit.robot.test_urdf import ARM
+from tests.urdfs import draw_urdf, find_factors, find_largest_gap, find_positions, find_torques
+
+PIECES = (
+    "base",
+    "upper",
+    "lift",
+    "revolute",
+    "fixed",
+    "floating",
+    "nan",
+    "1e400",
+    "-1e-400",
+    "0 0 0",
+    "0 0 1 2",
+    "",
+    "<",
+    ">",
+    "/>",
+    '"',
+    "&lt;",
+    "&x;",
+    "<!DOCTYPE a>",
+    "<mimic joint='lift'/>",
+    "<mimic joint='push' multiplier='0'/>",
+    "<link name='upper'/>",
+    "<joint name='lift'/>",
+    "<loop_joint/>",
+    "xacro:if",
+    "${x}",
+    "\x00",
+    "\ud800",
+    "é",
+    "9" * 200,
+    "<a>" * 150,
+)
+
+
+@settings(max_examples=60)
+@given(robot=trees(most=5), seed=st.integers(0, 2**16))
+def test_what_is_written_and_read_is_what_pinocchio_reads(robot, seed):
+    rng = np.random.default_rng(seed)
+    values = draw_parameters(rng, robot.size)
+    text = write_urdf(robot, values)
+    back = parse_urdf(text)
+    theirs = pin.buildModelFromXML(text)
+    filled = np.array([joint.inertial for joint in back.joints])
+    ours = build_pinocchio(back, filled)
+    state = rng.uniform(-2, 2, (3, robot.size))
+    spread = np.zeros_like(state)
+    order = [joint.name for joint in back.joints]
+    for k, joint in enumerate(robot.joints):
+        spread[:, order.index(joint.name)] = state[:, k]
+    found = pin.rnea(ours, ours.createData(), *spread)
+    expected = find_torques(theirs, back, spread)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+    assert all(np.isfinite(joint.inertial).all() for joint in back.joints)
+    assert {joint.kind for joint in back.joints} <= set(JointKind)
+
+
+@settings(max_examples=80)
+@given(seed=st.integers(0, 2**20), size=st.integers(1, 7))
+def test_torques_and_frames_are_those_that_pinocchio_reads(seed, size):
+    rng = np.random.default_rng(seed)
+    text, followers = draw_urdf(rng, size)
+    try:
+        robot = parse_urdf(text)
+    except RobotError as error:
+        assert {notice.code for notice in error.notices} == {"robot.no-joints"}  # noqa: PT017
+        return
+    theirs = pin.buildModelFromXML(text)
+    ours = build_pinocchio(robot, np.array([joint.inertial for joint in robot.joints]))
+    factors = find_factors(robot)
+    for _ in range(3):
+        masters = rng.uniform(-2, 2, (3, robot.freedom))
+        state = masters @ factors.T
+        own, positions = find_positions(robot, followers, masters[0])
+        np.testing.assert_allclose(own, state[0])
+        expected = find_torques(theirs, robot, np.array([positions, state[1], state[2]]))
+        found = pin.rnea(ours, ours.createData(), *state)
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+        assert find_largest_gap(theirs, robot, own, positions) < 1e-10
+
+
+@settings(max_examples=60)
+@given(robot=trees(most=4))
+def test_writing_and_reading_again_changes_nothing(robot):
+    once = parse_urdf(write_urdf(robot))
+    twice = parse_urdf(write_urdf(once))
+    for first, second in zip(once.joints, twice.joints, strict=True):
+        assert dataclasses.replace(second, placement=first.placement, frame=first.frame) == first
+        for mine, other in zip(first.placement.rotation, second.placement.rotation, strict=True):
+            np.testing.assert_allclose(
+                [entry.to_float() for entry in other], [entry.to_float() for entry in mine], atol=1e-12
+            )
+
+
+def read(text):
+    """Read a text; what is refused must say why and where."""
+    notices = ()
+    try:
+        assert parse_urdf(text, "arm.urdf").joints
+    except RobotError as error:
+        notices = error.notices or [None]
+    for notice in notices:
+        assert notice.code.startswith("robot.")
+        assert notice.text
+        assert notice.file == "arm.urdf"
+
+
+@settings(max_examples=400)
+@given(position=st.integers(0, len(ARM)), length=st.integers(0, 60), piece=st.sampled_from(PIECES))
+def test_a_piece_in_place_of_another_never_ends_in_a_traceback(position, length, piece):
+    read(ARM[:position] + piece + ARM[position + length :])
+
+
+@settings(max_examples=300)
+@given(data=st.data())
+def test_other_values_never_end_in_a_traceback(data):
+    parts = ARM.split('"')
+    for _ in range(data.draw(st.integers(1, 4))):
+        index = data.draw(st.integers(0, len(parts) // 2 - 1)) * 2 + 1
+        parts[index] = data.draw(st.sampled_from((*PIECES[:12], parts[1], "slide", "tool", "1e-31 1e29 1")))
+    read('"'.join(parts))
+
+
+@settings(max_examples=200)
+@given(st.text(max_size=200))
+def test_any_text_is_read_or_refused(text):
+    read(text)
