@@ -18,7 +18,7 @@ RULES = {
     Op.SIN: mpmath.sin,
     Op.COS: mpmath.cos,
 }
-# Of the largest element of all states; a solved system loses as many digits as its matrix is badly conditioned.
+# Of the largest element of all states; a solved system loses the digits that its matrix's condition costs.
 TOLERANCE = 2e-14
 SOLVED = 1e-9
 
