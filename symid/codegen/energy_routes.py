@@ -8,15 +8,18 @@ Supported: everything the recursion supports.
 
 from collections.abc import Sequence
 
+from symid.algebra.vectors import total
 from symid.codegen.differentiation import find_gradient, find_rates
 from symid.codegen.outputs import lay_coordinates, line_up
 from symid.codegen.workspace import Elements, Workspace
+from symid.dynamics.composite import gather_body
 from symid.dynamics.drives import DRIVE, find_drive_energy
-from symid.dynamics.energy import find_energy_rows
+from symid.dynamics.energy import find_body_energy, find_energy_rows
 from symid.notation import INERTIAL
 
 __all__ = [
     "build_energy",
+    "build_energy_of_bodies",
     "build_energy_rows",
     "derive_lagrange_columns",
     "derive_mass_matrix",
@@ -60,6 +63,20 @@ def build_energy(workspace: Workspace) -> tuple[Elements, ...]:
     """Return the energies as regressors times parameters."""
     kinetic, potential = _find_rows(workspace)
     return (_weigh(workspace, kinetic),), (_weigh(workspace, potential),)
+
+
+def build_energy_of_bodies(workspace: Workspace) -> tuple[Elements, ...]:
+    """Return the energies as sums over links and drives."""
+    recursion, algebra = workspace.recursion, workspace.recursion.algebra
+    parts = [
+        find_body_energy(algebra, gather_body(algebra, workspace.parameters, link), motion)
+        for link, motion in enumerate(recursion.motions)
+    ]
+    for key, value in workspace.parameters.items():
+        if key[1] in DRIVE:
+            kinetic, potential = find_drive_energy(recursion, key)
+            parts.append((algebra.mul(value, kinetic), algebra.mul(value, potential)))
+    return (total(algebra, [part[0] for part in parts]),), (total(algebra, [part[1] for part in parts]),)
 
 
 def _rate(workspace: Workspace, values: Sequence[int]) -> list[int]:

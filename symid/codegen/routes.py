@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from symid.codegen.catalogue import find_robot_specs
 from symid.codegen.energy_routes import (
     build_energy,
+    build_energy_of_bodies,
     build_energy_rows,
     derive_lagrange_columns,
     derive_mass_matrix,
@@ -138,7 +139,12 @@ ROUTES: Mapping[str, Routes] = {
     "inverse_dynamics": _TORQUE,
     "forward_dynamics": _combine(build_forward_dynamics, _RECURSIONS),
     "inverse_dynamics_derivatives": _combine(build_derivatives, _SLOPES),
-    "energy": {"regressor times parameters": build_energy},
+    "energy": {
+        "regressor times parameters": build_energy,
+        "sum over bodies": build_energy_of_bodies,
+        "sum over bodies, shifted origins": _shift(build_energy_of_bodies),
+        "sum over bodies, last links held": _hold(build_energy_of_bodies),
+    },
     "energy_regressor": {"recursion": build_energy_rows},
     "momentum_regressor": _meet(build_momentum_columns, derive_momentum_columns),
     "lagrange_regressor": _meet(build_lagrange_columns, derive_lagrange_columns),
