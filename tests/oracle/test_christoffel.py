@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from symid.codegen.catalogue import find_specs
+from symid.codegen.catalogue import find_robot_specs
 from symid.dynamics.base import find_base_parameters
 from tests.chains import PANDA, PUMA560, STANFORD, TWO_LINK, build_route_programs, run_program, trees
 
@@ -13,7 +13,7 @@ NAMES = ("mass_matrix", "coriolis_matrix", "gravity", "slotine_li_regressor")
 
 
 def find_programs(robot, base):
-    specs = find_specs(robot.freedom, base.count, len(base.friction))
+    specs = find_robot_specs(robot, base)
     return {spec.name: build_route_programs(robot, base, spec) for spec in specs if spec.name in NAMES}
 
 
@@ -54,6 +54,6 @@ def test_known_robots(robot):
 
 
 @settings(max_examples=20, deadline=None)
-@given(robot=trees(most=4, rotors=True))
+@given(robot=trees(most=4, rotors=True, followers=True, springs=True))
 def test_random_trees(robot):
     check(robot)

@@ -128,7 +128,7 @@ def test_a_rotor_costs_one_product_and_one_sum_at_most():
 
     def count(robot):
         base = find_base_parameters(robot)
-        (spec,) = [spec for spec in find_specs(6, base.count, 0) if spec.name == "inverse_dynamics"]
+        (spec,) = [spec for spec in find_robot_specs(robot, base) if spec.name == "inverse_dynamics"]
         (chosen,) = [count for count in choose_route(robot, base, spec).counts if count.chosen]
         return base.count, chosen.operations
 

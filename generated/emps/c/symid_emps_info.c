@@ -8,10 +8,10 @@ const char *symid_emps_version(void)
 
 const char *symid_emps_signature(void)
 {
-    return "f37d2a77e2c33f8be2fc44cc5380ef3ecda56ada3174173ac6675417adfa9664";
+    return "f7e0d3bd0732720a702cd204725cf10778a36106456b788fd1e3aa91941e5510";
 }
 
 const char *symid_emps_digest(void)
 {
-    return "4d4c43a13cfe2674718e5f9b697e2b55cf7bfa5d40937d7f2caf170d1941f87b";
+    return "0f3c347e85fc1f508670adba42c21b35dabb3ac04141a7f5273340e7b8690b75";
 }

@@ -6,7 +6,7 @@ int symid_emps_inverse_dynamics(const double q[restrict 1], const double dq[rest
     if (q == NULL || dq == NULL || ddq == NULL || beta == NULL || tau == NULL) {
         return SYMID_EMPS_ERROR_NULL;
     }
-    const double t3 = beta[0] * ddq[0];
+    const double t3 = ddq[0] * beta[0];
     tau[0] = t3;
     return SYMID_EMPS_OK;
 }

@@ -22,7 +22,7 @@ import numpy as np
 __all__ = ["forward_kinematics", "jacobian", "mass_matrix", "coriolis_matrix", "gravity", "bias", "inverse_dynamics", "forward_dynamics", "inverse_dynamics_derivatives", "energy", "energy_regressor", "momentum_regressor", "lagrange_regressor", "torque_regressor", "slotine_li_regressor", "friction", "friction_regressor"]
 
 VERSION = "0.1.0"
-SIGNATURE = "f37d2a77e2c33f8be2fc44cc5380ef3ecda56ada3174173ac6675417adfa9664"
+SIGNATURE = "f7e0d3bd0732720a702cd204725cf10778a36106456b788fd1e3aa91941e5510"
 
 
 def _sign(x):
@@ -212,8 +212,8 @@ def inverse_dynamics(q, dq, ddq, beta):
     beta = _prepare("beta", beta, (1,))
     samples = np.broadcast_shapes(q.shape[:-1], dq.shape[:-1], ddq.shape[:-1])
     tau = np.empty((*samples, 1))
-    t1 = beta[..., 0]
-    t2 = ddq[..., 0]
+    t1 = ddq[..., 0]
+    t2 = beta[..., 0]
     t1 = t1 * t2
     tau[..., 0] = t1
     return tau
@@ -297,10 +297,10 @@ def energy(q, dq, beta):
     samples = np.broadcast_shapes(q.shape[:-1], dq.shape[:-1])
     T = np.empty((*samples, 1))
     V = np.empty((*samples, 1))
-    t1 = dq[..., 0]
-    t1 = t1 * t1
-    t1 = 0.5 * t1
-    t2 = beta[..., 0]
+    t1 = beta[..., 0]
+    t2 = dq[..., 0]
+    t2 = t2 * t2
+    t2 = 0.5 * t2
     t1 = t1 * t2
     T[..., 0] = t1
     V[..., 0] = 0.0
@@ -438,14 +438,14 @@ def friction(dq, f):
     f = _prepare("f", f, (3,))
     samples = np.broadcast_shapes(dq.shape[:-1])
     tau_f = np.empty((*samples, 1))
-    t1 = dq[..., 0]
-    t2 = f[..., 0]
-    t2 = t1 * t2
-    t1 = _sign(t1)
-    t3 = f[..., 1]
-    t1 = t1 * t3
-    t1 = t2 + t1
-    t2 = f[..., 2]
+    t1 = f[..., 2]
+    t2 = dq[..., 0]
+    t3 = f[..., 0]
+    t3 = t2 * t3
+    t4 = f[..., 1]
+    t2 = _sign(t2)
+    t2 = t4 * t2
+    t2 = t3 + t2
     t1 = t1 + t2
     tau_f[..., 0] = t1
     return tau_f

@@ -8,30 +8,20 @@ int symid_two_link_coriolis_matrix(const double q[restrict 2], const double dq[r
     if (q == NULL || dq == NULL || beta == NULL || C == NULL) {
         return SYMID_TWO_LINK_ERROR_NULL;
     }
-    const double t3 = sin(q[1]);
-    const double t4 = 0.5 * t3;
-    const double t7 = dq[0] + dq[1];
-    const double t9 = t7 * beta[4];
-    const double t10 = t4 * t9;
-    const double t11 = cos(q[1]);
-    const double t12 = 0.5 * t11;
-    const double t14 = t7 * beta[5];
-    const double t15 = t12 * t14;
-    const double t16 = t10 + t15;
-    const double t17 = t4 * dq[1];
-    const double t18 = beta[4] * t17;
-    const double t19 = dq[1] * t12;
-    const double t20 = beta[5] * t19;
-    const double t21 = t18 + t20;
-    const double t22 = t16 - t21;
-    const double t23 = t3 * t9;
-    const double t24 = t11 * t14;
-    const double t25 = t23 + t24;
-    const double t26 = 0.5 * t25;
-    const double t27 = t22 - t26;
-    C[0] = t27;
-    C[1] = -t26;
-    C[2] = t22;
+    const double t4 = 0.5 * dq[0];
+    const double t7 = sin(q[1]);
+    const double t8 = beta[4] * t7;
+    const double t10 = cos(q[1]);
+    const double t11 = beta[5] * t10;
+    const double t12 = t8 + t11;
+    const double t13 = t4 * t12;
+    const double t15 = dq[0] + dq[1];
+    const double t16 = t12 * t15;
+    const double t17 = 0.5 * t16;
+    const double t18 = t13 - t17;
+    C[0] = t18;
+    C[1] = -t17;
+    C[2] = t13;
     C[3] = 0.0;
     return SYMID_TWO_LINK_OK;
 }

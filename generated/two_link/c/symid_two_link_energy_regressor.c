@@ -8,8 +8,8 @@ int symid_two_link_energy_regressor(const double q[restrict 2], const double dq[
     if (q == NULL || dq == NULL || hT == NULL || hV == NULL) {
         return SYMID_TWO_LINK_ERROR_NULL;
     }
-    const double t3 = dq[0] * dq[0];
-    const double t4 = 0.5 * t3;
+    const double t4 = dq[0] * dq[0];
+    const double t5 = 0.5 * t4;
     const double t7 = dq[0] + dq[1];
     const double t8 = t7 * t7;
     const double t9 = 0.5 * t8;
@@ -30,7 +30,7 @@ int symid_two_link_energy_regressor(const double q[restrict 2], const double dq[
     const double t27 = t11 * t23;
     const double t28 = t15 * t21;
     const double t29 = t27 - t28;
-    hT[0] = t4;
+    hT[0] = t5;
     hT[1] = 0.0;
     hT[2] = 0.0;
     hT[3] = t9;

@@ -8,10 +8,10 @@ const char *symid_two_link_version(void)
 
 const char *symid_two_link_signature(void)
 {
-    return "e3e9fe604b0a4d837cd6ecb7e908bd0ba617181e30eb5850a887dab729142f1b";
+    return "2f4e71474e29ea9443e27c6b55371c7776fb9e1b4f59da60ed83ecc3380d6609";
 }
 
 const char *symid_two_link_digest(void)
 {
-    return "5e030fe0bc5ffe4990b9b1abcabfd19bb3e3a9541a8c38f0233efed992f8d4d2";
+    return "1d0be585c073e3239cde159f806eba1872ae900ab0d830a7da2c02cf9099dab6";
 }
