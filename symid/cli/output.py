@@ -30,8 +30,14 @@ _NOTES = frozenset(
         "identify.slow-rows",
         "log.converted",
         "new.gravity",
+        "robot.assumed-gravity",
+        "robot.cut-off",
+        "robot.default-axis",
         "robot.elastic-joint",
+        "robot.fixed-to-base",
         "robot.lumped",
+        "robot.renamed",
+        "robot.urdf-unused",
     }
 )
 """Codes of what is as it was asked for, and only worth knowing."""

@@ -70,7 +70,8 @@ class _Pool:
         self.column[start : start + len(numbers)] = values
 
     def read(self, refs: Sequence[int]) -> ca.SX:
-        values = self.column[[self.places[abs(ref)] for ref in refs]]
+        # A pool of one value would give a row.
+        values = ca.vec(self.column[[self.places[abs(ref)] for ref in refs]])
         if any(ref < 0 for ref in refs):
             values = values * ca.DM([1.0 if ref > 0 else -1.0 for ref in refs])
         return values

@@ -169,6 +169,7 @@ def evaluate_torque_columns(
         for k, column in enumerate(by_coordinate):
             change = _gradient(momenta[key][k], point)
             entry = sum((part * rates[index] for index, part in change.items()), 0 * point[0])
-            entries.append(entry - sum(slope[index] * factor for index, factor in column if index in slope))
+            pull = (slope[index] * factor for index, factor in column if index in slope)
+            entries.append(entry - sum(pull, 0 * point[0]))
         result[key] = entries
     return result

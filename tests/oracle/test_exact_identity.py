@@ -1,11 +1,20 @@
-"""The Lagrangian forms, derived from the energy, equal the recursion; all of it in exact arithmetic."""
+"""The Lagrangian forms, derived from the energy, equal the recursion; all of it in exact arithmetic.
+
+The Lagrangian forms have an entry a coordinate, the recursion one a joint, which is folded. Followers have
+sines and cosines of their own in the ring: what holds without their relation holds with it.
+"""
+
+import dataclasses
+from fractions import Fraction
 
 import pytest
 from hypothesis import given, settings
+from hypothesis import strategies as st
 from sympy import QQ
 
 from symid.algebra.exact import build_exact_state
 from symid.algebra.points import PointAlgebra, build_point_state
+from symid.dynamics.folding import fold_vector
 from symid.dynamics.kinematics import build_recursion
 from symid.dynamics.lagrange import (
     derive_energy,
@@ -20,7 +29,25 @@ from symid.dynamics.regressors import (
     find_slotine_li_columns,
     find_torque_columns,
 )
-from tests.chains import PANDA, PUMA560, STANFORD, TWO_LINK, build_chain, cut, draw_rational_state, trees
+from symid.robot.description import Coupling, Mimic, Spring
+from tests.chains import (
+    PANDA,
+    PI,
+    PUMA560,
+    RATIONAL_ANGLES,
+    RATIONAL_LENGTHS,
+    STANFORD,
+    TWO_LINK,
+    build_chain,
+    cut,
+    draw_rational_state,
+    trees,
+)
+
+
+def fold_columns(robot, algebra, columns):
+    """Return columns with an entry a coordinate instead of one a joint."""
+    return {key: list(fold_vector(robot, algebra, column)) for key, column in columns.items()}
 
 
 def assert_identical(robot):
@@ -30,15 +57,13 @@ def assert_identical(robot):
     state = build_exact_state(robot, algebra)
     recursion = build_recursion(robot, algebra, state)
     torque = derive_torque_columns(energy, keys)
-    assert torque == {key: list(column) for key, column in find_torque_columns(recursion, keys).items()}
+    assert torque == fold_columns(robot, algebra, find_torque_columns(recursion, keys))
     reference = (state.velocity, state.acceleration)
-    assert torque == {
-        key: list(column) for key, column in find_slotine_li_columns(recursion, reference, keys).items()
-    }
-    momentum = {key: list(column) for key, column in find_momentum_columns(recursion, keys).items()}
+    assert torque == fold_columns(robot, algebra, find_slotine_li_columns(recursion, reference, keys))
+    momentum = fold_columns(robot, algebra, find_momentum_columns(recursion, keys))
     assert derive_momentum_columns(energy, keys) == momentum
-    lagrange = find_lagrange_columns(recursion, keys)
-    assert derive_lagrange_columns(energy, keys) == {key: list(column) for key, column in lagrange.items()}
+    lagrange = fold_columns(robot, algebra, find_lagrange_columns(recursion, keys))
+    assert derive_lagrange_columns(energy, keys) == lagrange
 
 
 @pytest.mark.parametrize(
@@ -64,7 +89,61 @@ def test_lagrange_equals_newton_euler_at_rational_points(robot, seed):
     values, _ = draw_rational_state(robot, seed)
     energy = derive_energy(robot)
     from_energy = evaluate_torque_columns(energy, energy.keys, values)
-    state = build_point_state(robot, values)
-    by_recursion = find_torque_columns(build_recursion(robot, PointAlgebra(QQ, values), state), energy.keys)
-    assert from_energy == {key: list(column) for key, column in by_recursion.items()}
+    algebra = PointAlgebra(QQ, values)
+    state = build_point_state(robot, algebra, values)
+    by_recursion = find_torque_columns(build_recursion(robot, algebra, state), energy.keys)
+    assert from_energy == fold_columns(robot, algebra, by_recursion)
     assert any(entry for column in from_energy.values() for entry in column)
+
+
+EVERYTHING = {"rotors": True, "followers": True, "couplings": True, "springs": True}
+
+
+@settings(max_examples=25, deadline=None)
+@given(robot=trees(most=3, **EVERYTHING))
+def test_identity_with_followers_couplings_and_springs(robot):
+    assert_identical(robot)
+
+
+@settings(max_examples=15, deadline=None)
+@given(robot=trees(most=3, angles=RATIONAL_ANGLES, lengths=RATIONAL_LENGTHS, symbols=True, **EVERYTHING))
+def test_identity_with_everything_in_rational_and_symbolic_geometry(robot):
+    assert_identical(robot)
+
+
+@settings(max_examples=15, deadline=None)
+@given(robot=trees(most=4, **EVERYTHING), seed=st.integers(0, 99))
+def test_identity_at_rational_points_with_followers_couplings_and_springs(robot, seed):
+    values, _ = draw_rational_state(robot, seed)
+    energy = derive_energy(robot)
+    domain = energy.algebra.ring.domain
+    values = {name: domain.convert(value) for name, value in values.items()}
+    algebra = PointAlgebra(domain, values)
+    recursion = build_recursion(robot, algebra, build_point_state(robot, algebra, values))
+    from_energy = evaluate_torque_columns(energy, energy.keys, values)
+    assert from_energy == fold_columns(robot, algebra, find_torque_columns(recursion, energy.keys))
+
+
+def test_a_spring_of_a_follower_acts_on_its_master():
+    """V = KS (-2 q)^2 / 2 + KR (-2 q): torque 4 KS q - 2 KR, with the follower's own q in the ring."""
+    arm = build_chain([(0.0, 0, 0, "q"), (PI / 2, 0.3, 0, "q")], gravity=("0", "0", "0"))
+    follower = dataclasses.replace(
+        arm.joints[1], mimic=Mimic(master=0, multiplier=Fraction(-2)), spring=Spring()
+    )
+    robot = dataclasses.replace(arm, joints=(arm.joints[0], follower))
+    energy = derive_energy(robot)
+    torque = derive_torque_columns(energy, [(1, "KS"), (1, "KR")])
+    assert torque[1, "KS"] == [-2 * energy.algebra.generator("q2")]
+    assert torque[1, "KR"] == [-2 * energy.algebra.one]
+    assert_identical(robot)
+
+
+def test_a_coupled_rotor_turns_with_the_sum_of_its_joints():
+    """T = IA (2 dq1 - dq2)^2 / 2: torques 2 IA (2 ddq1 - ddq2) and -IA (2 ddq1 - ddq2)."""
+    coupling = Coupling(name="m", terms=((0, Fraction(2)), (1, Fraction(-1))), has_rotor=True)
+    robot = dataclasses.replace(TWO_LINK, couplings=(coupling,))
+    energy = derive_energy(robot)
+    torque = derive_torque_columns(energy, [(2, "IA")])[2, "IA"]
+    first, second = (energy.algebra.generator(name) for name in ("ddq1", "ddq2"))
+    assert torque == [2 * (2 * first - second), -(2 * first - second)]
+    assert_identical(robot)

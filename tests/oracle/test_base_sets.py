@@ -1,0 +1,381 @@
+"""Base sets of robots with followers, coupled drives, springs: ranks found without the recursion of base.py.
+
+Numeric: regressors made of Pinocchio's columns, folded, and of drive, spring and friction columns written by
+hand (`tests.chains.regress`). Exact: the energy regressor at random points of a prime field.
+"""
+
+import dataclasses
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from symid.dynamics.base import find_base_parameters
+from symid.dynamics.lagrange import derive_energy
+from symid.robot.description import Coupling, Drive, FrictionKind, FrictionValues, JointKind, Mimic, Spring
+from symid.robot.geometry import ZERO, Exact, compose_placements, find_angle, place_modified_dh
+from tests.chains import (
+    PANDA,
+    PI,
+    PUMA560,
+    RATIONAL_ANGLES,
+    RATIONAL_LENGTHS,
+    STANFORD,
+    TWO_LINK,
+    build_chain,
+    regress,
+    trees,
+)
+
+RIGHT_ANGLES = st.sampled_from([0.0, PI / 2, -PI / 2, PI])
+DRIVES = ("IA", "KS", "KR")
+FRICTION = ("Fv", "Fc", "offset", "Fvp", "Fcp", "Fvn", "Fcn")
+SAMPLES = 60
+
+
+def stack_regressor(robot, labels, seed, form="torque"):
+    """Return the regressor of a form at random states, one row a coordinate and state."""
+    rng = np.random.default_rng(seed)
+    zero = np.zeros(robot.freedom)
+    if form == "momentum":
+        robot = dataclasses.replace(robot, gravity=(ZERO, ZERO, ZERO))
+    rows = []
+    for _ in range(SAMPLES):
+        q, dq, ddq = rng.uniform(-2, 2, (3, robot.freedom))
+        if form == "torque":
+            columns = regress(robot, q, dq, ddq)
+        elif form == "gravity":
+            columns = regress(robot, q, zero, zero, friction=False)
+        else:
+            # Without gravity and velocity the torque of ddq is M ddq: put dq in its place. No springs.
+            columns = regress(robot, q, zero, dq, friction=False)
+            columns |= {label: zero for label in columns if label[1] in ("KS", "KR")}
+        assert set(columns) == set(labels)
+        rows.append(np.stack([columns[label] for label in labels], axis=1))
+    return np.vstack(rows)
+
+
+def find_rank(matrix):
+    """Return the rank, its columns scaled, after checking that there is a gap in the singular values."""
+    sizes = np.linalg.norm(matrix, axis=0)
+    # A column that is nothing but rounding must not be blown up.
+    shown = sizes > 1e-12 * sizes.max(initial=0.0)
+    if not np.any(shown):
+        return 0
+    values = np.linalg.svd(matrix[:, shown] / sizes[shown], compute_uv=False)
+    rank = int(np.sum(values > 1e-10 * max(values[0], 1.0)))
+    if 0 < rank < len(values):
+        assert values[rank] < 1e-3 * values[rank - 1]
+    return rank
+
+
+def build_matrix(robot, base, labels):
+    """Return K in numbers, friction included."""
+    lengths = dict(robot.symbols)
+    matrix = np.zeros((base.count + len(base.friction), len(labels)))
+    for row, parameter in enumerate((*base.parameters, *base.friction)):
+        for label, value in parameter.terms:
+            matrix[row, labels.index(label)] = float(value.subs(lengths))
+    return matrix
+
+
+def assert_base_set(robot, form="torque", seed=1):
+    """The count is the rank, and every column of the regressor is made of the base columns by K."""
+    base = find_base_parameters(robot, form=form)
+    labels = list(base.labels)
+    regressor = stack_regressor(robot, labels, seed, form)
+    assert base.count + len(base.friction) == find_rank(regressor)
+    heads = [labels.index(p.label) for p in (*base.parameters, *base.friction)]
+    error = regressor[:, heads] @ build_matrix(robot, base, labels) - regressor
+    assert np.abs(error).max(initial=0.0) < 1e-9 * max(1.0, np.abs(regressor).max(initial=0.0))
+    eliminated = {entry.label for entry in base.eliminated}
+    assert eliminated | {labels[k] for k in heads} == set(labels)
+    assert all(entry.reason for entry in base.eliminated)
+
+
+EVERYTHING = {"rotors": True, "friction": True, "followers": True, "couplings": True, "springs": True}
+
+
+@settings(max_examples=80, deadline=None)
+@given(robot=trees(most=4, angles=RIGHT_ANGLES, **EVERYTHING))
+def test_base_set_of_random_trees_with_everything(robot):
+    assert_base_set(robot)
+
+
+@settings(max_examples=15, deadline=None)
+@given(robot=trees(most=3, angles=RATIONAL_ANGLES, lengths=RATIONAL_LENGTHS, followers=True, springs=True))
+def test_base_set_of_random_trees_of_rational_geometry(robot):
+    assert_base_set(robot)
+
+
+@pytest.mark.parametrize("form", ["torque", "gravity", "momentum"])
+@settings(max_examples=15, deadline=None)
+@given(robot=trees(most=3, rotors=True, friction=True, followers=True, couplings=True, springs=True))
+def test_base_sets_of_all_forms_on_random_trees(form, robot):
+    assert_base_set(robot, form)
+
+
+@pytest.mark.parametrize("form", ["gravity", "momentum"])
+@pytest.mark.parametrize("robot", [TWO_LINK, PUMA560, PANDA, STANFORD], ids=lambda r: r.name)
+def test_base_sets_of_gravity_and_momentum(robot, form):
+    joints = tuple(dataclasses.replace(joint, drive=Drive(has_rotor=True)) for joint in robot.joints)
+    assert_base_set(dataclasses.replace(robot, joints=joints), form)
+
+
+def test_gravity_set_of_the_planar_arm():
+    """g1 = g ((MX1 + L M2) c1 - ... + MX2 c12 ...): four parameters; no inertia shows at rest."""
+    base = find_base_parameters(TWO_LINK, form="gravity")
+    assert [p.expression for p in base.parameters] == ["MX1 + 0.5*M2", "MY1", "MX2", "MY2"]
+    assert [p.name for p in base.parameters] == ["MXR1", "MY1", "MX2", "MY2"]
+
+
+def test_momentum_set_of_the_planar_arm():
+    """M(q) = [ZZR1 + ZZ2 + 2 L (c2 MX2 - s2 MY2), ...]: MX1 and MY1 are the weight's alone."""
+    base = find_base_parameters(TWO_LINK, form="momentum")
+    assert [p.expression for p in base.parameters] == ["ZZ1 + 0.25*M2", "ZZ2", "MX2", "MY2"]
+
+
+def test_an_unknown_form_is_refused():
+    with pytest.raises(ValueError, match="'speed'; allowed are torque, energy, momentum, gravity"):
+        find_base_parameters(TWO_LINK, form="speed")
+
+
+def follow(robot, index, master, multiplier):
+    joints = list(robot.joints)
+    joints[index] = dataclasses.replace(
+        joints[index], mimic=Mimic(master=master, multiplier=Fraction(multiplier))
+    )
+    return dataclasses.replace(robot, joints=tuple(joints))
+
+
+@pytest.mark.parametrize("multiplier", ["-1", "2", "1/2", "-3/4"])
+def test_a_follower_of_each_multiplier_in_an_arm(multiplier):
+    assert_base_set(follow(STANFORD, 4, 1, multiplier))
+    assert_base_set(follow(STANFORD, 1, 4, multiplier))
+    assert_base_set(follow(STANFORD, 2, 1, multiplier))
+    assert_base_set(follow(STANFORD, 3, 2, multiplier))
+
+
+def test_a_parallelogram_keeps_its_third_link_upright():
+    """q3 = -q2: link 3 only translates, so that of its inertia nothing shows but mass and first moments."""
+    arm = build_chain([(0.0, 0, 0, "q"), (PI / 2, 0, 0, "q"), (0.0, 0.4, 0, "q")], name="parallelogram")
+    robot = follow(arm, 2, 1, "-1")
+    assert_base_set(robot)
+    base = find_base_parameters(robot)
+    heads = {p.label for p in base.parameters}
+    assert not {(2, "XX"), (2, "XY"), (2, "ZZ"), (2, "XZ")} & heads
+
+
+def couple(robot, *terms, rotor=True, friction=FrictionKind.NONE, name="m"):
+    coupling = Coupling(
+        name=name,
+        terms=tuple((index, Fraction(factor)) for index, factor in terms),
+        has_rotor=rotor,
+        friction=FrictionValues(kind=friction),
+    )
+    return dataclasses.replace(robot, couplings=(*robot.couplings, coupling))
+
+
+def test_a_coupled_wrist_adds_one_rotor_and_its_friction():
+    """As in a Staubli TX40: the drive of joint 6 turns with joints 5 and 6."""
+    kind = FrictionKind.VISCOUS_COULOMB
+    arm = dataclasses.replace(PUMA560)
+    joints = tuple(
+        dataclasses.replace(joint, drive=Drive(has_rotor=True), friction=FrictionValues(kind=kind))
+        for joint in arm.joints
+    )
+    arm = dataclasses.replace(arm, joints=joints)
+    wrist = couple(arm, (4, 1), (5, 1), friction=kind)
+    assert_base_set(wrist)
+    alone, coupled = find_base_parameters(arm), find_base_parameters(wrist)
+    assert coupled.count == alone.count + 1
+    assert len(coupled.friction) == len(alone.friction) + 2
+    assert "IAm" in {p.name for p in coupled.parameters}
+
+
+def test_a_coupling_to_one_joint_is_its_own_rotor():
+    assert_base_set(couple(TWO_LINK, (1, 3)))
+    arm = build_chain([(0.0, 0, 0, "q"), (0.0, 0.5, 0, "q")], rotors=True)
+    assert_base_set(couple(arm, (1, 3)))
+    assert find_base_parameters(couple(arm, (1, 3))).count == find_base_parameters(arm).count
+
+
+@pytest.mark.parametrize("kind", list(FrictionKind))
+def test_friction_of_followers_and_couplings(kind):
+    """A follower's friction adds to that of its master; a negative multiplier turns it round."""
+    arm = build_chain([(0.0, 0, 0, "q"), (PI / 2, 0.3, 0, "q"), (0.0, 0.4, "q", 0.0)], friction=kind)
+    for multiplier in ("2", "-1"):
+        robot = follow(arm, 2, 1, multiplier)
+        assert_base_set(robot)
+        assert_base_set(couple(robot, (0, 1), (1, "-1/2"), rotor=False, friction=kind))
+        assert_base_set(couple(robot, (1, 1), (2, "1/2"), rotor=False, friction=kind))
+
+
+@pytest.mark.parametrize("kind", list(FrictionKind))
+def test_springs_next_to_weights_and_offsets(kind):
+    """On a slope a slide feels weight, offset and the spring's own constant as one force."""
+    for rows in (
+        [(PI / 4, 0, "q", 0.0)],
+        [(0.0, 0, "q", 0.0)],
+        [(PI / 2, 0, "q", 0.0)],
+        [(0.3, 0.2, 0, "q")],
+    ):
+        for rotors in (False, True):
+            chain = build_chain(rows, rotors=rotors, friction=kind)
+            joint = dataclasses.replace(chain.joints[0], spring=Spring())
+            assert_base_set(dataclasses.replace(chain, joints=(joint,)))
+
+
+TWISTS = [(PI / 4, PI / 4), (PI / 6, PI / 3), (PI / 3, PI / 6), (PI / 4, -PI / 4), (PI / 6, -PI / 6)]
+
+
+@pytest.mark.parametrize("twists", TWISTS, ids=lambda t: f"{t[0]:.2f} {t[1]:.2f}")
+@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+def test_twists_that_add_up_to_a_right_angle_or_none(twists, kind):
+    middle = (twists[0], 0.2, 0.1, "q") if kind == "revolute" else (twists[0], 0.2, "q", 0.0)
+    rows = [(0.0, 0, 0, "q"), middle, (twists[1], 0.1, 0, "q"), (0.0, 0.3, 0, "q")]
+    assert_base_set(build_chain(rows, name="twisted"))
+
+
+@pytest.mark.parametrize(
+    ("twists", "total"), [((PI / 4, PI / 4), PI / 2), ((PI / 6, PI / 3), PI / 2), ((PI / 4, -PI / 4), 0.0)]
+)
+def test_a_frame_between_two_twists_changes_nothing(twists, total):
+    """45 + 45 degrees without a joint between is 90 degrees exactly: the same set, the same numbers."""
+    straight = build_chain([(0.0, 0, 0, "q"), (total, 0.3, 0, "q"), (PI / 2, 0.1, 0.2, "q")])
+    first = place_modified_dh(find_angle(twists[0]), Exact.of("0.1"), ZERO, find_angle(0.0))
+    second = place_modified_dh(find_angle(twists[1]), Exact.of("0.2"), ZERO, find_angle(0.0))
+    joints = list(straight.joints)
+    joints[1] = dataclasses.replace(joints[1], placement=compose_placements(first, second))
+    assert joints[1].placement == straight.joints[1].placement
+    robot = dataclasses.replace(straight, joints=tuple(joints))
+    assert find_base_parameters(robot) == find_base_parameters(straight)
+
+
+def test_a_joint_that_stands_at_45_degrees_hides_nothing():
+    """Its twist of 45 degrees and one of 90 give the same count: neither axis is parallel to the other."""
+    rows = [(0.0, 0, 0, "q"), (PI / 4, 0, 0, "q"), (PI / 4, 0, 0, "q")]
+    right = [(0.0, 0, 0, "q"), (PI / 2, 0, 0, "q"), (PI / 2, 0, 0, "q")]
+    assert (
+        find_base_parameters(build_chain(rows)).count == find_base_parameters(build_chain(right)).count == 15
+    )
+
+
+PRIME = (1 << 61) - 1
+
+
+def evaluate(polynomial, values):
+    """Return a polynomial with rational coefficients at a point of the prime field."""
+    total = 0
+    for monomial, coefficient in polynomial.items():
+        term = int(coefficient.numerator) * pow(int(coefficient.denominator), -1, PRIME) % PRIME
+        for value, exponent in zip(values, monomial, strict=True):
+            if exponent:
+                term = term * pow(value, exponent, PRIME) % PRIME
+        total = (total + term) % PRIME
+    return total
+
+
+def draw_point(robot, names, rng):
+    """Return values of the generators, sines and cosines of followers in their true relation.
+
+    Every multiplier k/4 makes cos and sin of k (q/4) rational in the tangent of q/8; q itself is independent.
+    """
+    values = {}
+    for name in names:
+        if name.startswith(("dq", "ddq")):
+            values[name] = int(rng.integers(1, 1 << 60))
+    for index, joint in enumerate(robot.joints):
+        if joint.mimic is not None:
+            continue
+        t, position = (int(rng.integers(1, 1 << 60)) for _ in range(2))
+        scale = pow(1 + t * t, -1, PRIME)
+        quarter = ((1 - t * t) * scale % PRIME, 2 * t * scale % PRIME)
+        followers = [(index, Fraction(1))] + [
+            (k, other.mimic.multiplier)
+            for k, other in enumerate(robot.joints)
+            if other.mimic is not None and other.mimic.master == index
+        ]
+        for k, multiplier in followers:
+            turns = multiplier * 4
+            assert turns.denominator == 1
+            cosine, sine = 1, 0
+            for _ in range(abs(turns.numerator)):
+                cosine, sine = (
+                    (cosine * quarter[0] - sine * quarter[1]) % PRIME,
+                    (cosine * quarter[1] + sine * quarter[0]) % PRIME,
+                )
+            ratio = multiplier.numerator * pow(multiplier.denominator, -1, PRIME)
+            values |= {f"s{k + 1}": sine if turns > 0 else -sine % PRIME, f"c{k + 1}": cosine}
+            values[f"q{k + 1}"] = position * ratio % PRIME
+    return [values[name] for name in names]
+
+
+def find_prime_rank(rows):
+    """Return the rank over the prime field by Gauss's elimination."""
+    pivots = {}
+    for row in rows:
+        rest = list(row)
+        for column, other in sorted(pivots.items()):
+            if rest[column]:
+                factor = rest[column]
+                rest = [(a - factor * b) % PRIME for a, b in zip(rest, other, strict=True)]
+        lead = next((k for k, value in enumerate(rest) if value), None)
+        if lead is not None:
+            inverse = pow(rest[lead], -1, PRIME)
+            pivots[lead] = [value * inverse % PRIME for value in rest]
+    return len(pivots)
+
+
+def find_exact_rank(robot, seed):
+    """Rank of T and of V - V(0) at random points: a change of parameters that both keep shows nowhere."""
+    energy = derive_energy(robot)
+    names = [str(symbol) for symbol in energy.algebra.ring.symbols]
+    rng = np.random.default_rng(seed)
+    rows = []
+    start = None
+    for _ in range(len(energy.keys) + 8):
+        point = draw_point(robot, names, rng)
+        potential = [evaluate(energy.potential[key], point) for key in energy.keys]
+        start = start or potential
+        rows.append([evaluate(energy.kinetic[key], point) for key in energy.keys])
+        rows.append([(a - b) % PRIME for a, b in zip(potential, start, strict=True)])
+    return find_prime_rank(rows)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    robot=trees(
+        most=4, angles=RIGHT_ANGLES, rotors=True, followers=True, couplings=True, springs=True
+    ).filter(lambda robot: robot.size > 1)
+)
+def test_count_is_the_exact_rank_of_the_energy(robot):
+    rank = find_exact_rank(robot, 1)
+    assert find_base_parameters(robot).count == rank
+    assert find_base_parameters(robot, form="energy").count == rank
+
+
+@settings(max_examples=10, deadline=None)
+@given(robot=trees(most=3, angles=RATIONAL_ANGLES, lengths=RATIONAL_LENGTHS, rotors=True, followers=True))
+def test_count_is_the_exact_rank_of_the_energy_in_rational_geometry(robot):
+    assert find_base_parameters(robot).count == find_exact_rank(robot, 2)
+
+
+@pytest.mark.parametrize("robot", [PUMA560, PANDA, STANFORD], ids=lambda r: r.name)
+def test_count_of_an_arm_is_the_exact_rank_of_the_energy(robot):
+    assert find_base_parameters(robot).count == find_exact_rank(robot, 3)
+    assert find_base_parameters(follow(robot, 5, 4, "1/2")).count == find_exact_rank(
+        follow(robot, 5, 4, "1/2"), 3
+    )
+
+
+def test_prismatic_joints_follow_revolute_ones_and_the_other_way():
+    for kinds in ("rp", "pr", "pp", "rr"):
+        rows = [(0.0, 0, "q", 0.0) if kind == "p" else (0.0, 0.1, 0, "q") for kind in kinds]
+        chain = build_chain([(PI / 2, *rows[0][1:]), (PI / 2, *rows[1][1:])])
+        assert [joint.kind is JointKind.PRISMATIC for joint in chain.joints] == [k == "p" for k in kinds]
+        robot = follow(chain, 1, 0, "-3/4")
+        assert_base_set(robot)
+        assert find_base_parameters(robot).count == find_exact_rank(robot, 4)

@@ -1,0 +1,250 @@
+"""Base parameters against the closed-form grouping relations of the textbooks, as expressions.
+
+For a revolute joint j of a chain of modified DH rows (alpha, a, d, theta) the textbooks group YY, MZ and M of
+link j (Gautier and Khalil 1990; Khalil and Dombre 2002, Modeling, Identification and Control of Robots):
+
+    XXR(j)   = XX(j) - YY(j)
+    XXR(j-1) = XX(j-1) + YY(j) + 2 d MZ(j) + d^2 M(j)
+    XYR(j-1) = XY(j-1) + a sin(alpha) (MZ(j) + d M(j))
+    XZR(j-1) = XZ(j-1) - a cos(alpha) (MZ(j) + d M(j))
+    YYR(j-1) = YY(j-1) + cos^2(alpha) (YY(j) + 2 d MZ(j)) + (a^2 + d^2 cos^2(alpha)) M(j)
+    YZR(j-1) = YZ(j-1) + cos(alpha) sin(alpha) (YY(j) + 2 d MZ(j) + d^2 M(j))
+    ZZR(j-1) = ZZ(j-1) + sin^2(alpha) (YY(j) + 2 d MZ(j)) + (a^2 + d^2 sin^2(alpha)) M(j)
+    MXR(j-1) = MX(j-1) + a M(j)
+    MYR(j-1) = MY(j-1) - sin(alpha) (MZ(j) + d M(j))
+    MZR(j-1) = MZ(j-1) + cos(alpha) (MZ(j) + d M(j))
+    MR(j-1)  = M(j-1) + M(j)
+
+from the last joint to the first. Of the first link, and of links that turn about parallel axes only, ZZ, MX
+and MY are left, MX and MY unless that axis is parallel to gravity.
+"""
+
+import pytest
+from sympy import Rational, Symbol, cos, expand, pi, sin, sympify
+
+from symid.dynamics.base import find_base_parameters
+from symid.notation import INERTIAL
+from tests.chains import PANDA, PI, PUMA560, build_chain
+
+VERTICAL, LYING = ("0", "0", "-9.81"), ("0", "-9.81", "0")
+LEFT_OUT = ("YY", "MZ", "M")
+PLANAR = ("ZZ", "MX", "MY")
+
+
+def exact_length(value):
+    return Symbol(value) if isinstance(value, str) else Rational(str(value))
+
+
+def exact_angle(value):
+    twelfths = round(value / (PI / 12))
+    assert abs(value - twelfths * PI / 12) < 1e-9
+    return pi * Rational(twelfths, 12)
+
+
+def group_links(rows):
+    """Return the grouped parameters of all links as expressions, by the relations above."""
+    links = [{name: Symbol(f"{name}{j}") for name in INERTIAL} for j in range(1, len(rows) + 1)]
+    for j in reversed(range(len(rows))):
+        own = links[j]
+        yy, mz, mass = own["YY"], own["MZ"], own["M"]
+        own["XX"] -= yy
+        for name in LEFT_OUT:
+            own[name] = sympify(0)
+        if j == 0:
+            break
+        before, (alpha, a, d, _) = links[j - 1], rows[j]
+        a, d = exact_length(a), exact_length(d)
+        c, s = cos(exact_angle(alpha)), sin(exact_angle(alpha))
+        before["XX"] += yy + 2 * d * mz + d**2 * mass
+        before["XY"] += a * s * (mz + d * mass)
+        before["XZ"] -= a * c * (mz + d * mass)
+        before["YY"] += c**2 * (yy + 2 * d * mz) + (a**2 + d**2 * c**2) * mass
+        before["YZ"] += c * s * (yy + 2 * d * mz + d**2 * mass)
+        before["ZZ"] += s**2 * (yy + 2 * d * mz) + (a**2 + d**2 * s**2) * mass
+        before["MX"] += a * mass
+        before["MY"] -= s * (mz + d * mass)
+        before["MZ"] += c * (mz + d * mass)
+        before["M"] += mass
+    return links
+
+
+def list_textbook(rows, *, vertical):
+    """Return {label: expression} of the base parameters by the relations and rules above."""
+    result = {}
+    parallel = True
+    for j, link in enumerate(group_links(rows)):
+        parallel = parallel and (j == 0 or exact_angle(rows[j][0]) in (0, pi))
+        names = [name for name in INERTIAL if name not in LEFT_OUT]
+        if parallel:
+            names = list(PLANAR)
+        # Turning about an axis along gravity lifts nothing; links behind it are also carried round.
+        if j == 0 and vertical:
+            names = ["ZZ"]
+        result |= {(j, name): link[name] for name in names if link[name] != 0}
+    return result
+
+
+def write_terms(parameter, lengths=()):
+    return sum(
+        value.subs(dict(lengths)) * Symbol(f"{name}{index + 1}") for (index, name), value in parameter.terms
+    )
+
+
+def assert_textbook(rows, gravity):
+    robot = build_chain(rows, gravity=gravity)
+    found = {p.label: write_terms(p) for p in find_base_parameters(robot).parameters}
+    expected = list_textbook(rows, vertical=gravity == VERTICAL)
+    assert list(found) == list(expected)
+    for label, expression in expected.items():
+        assert expand(found[label] - expression) == 0, label
+
+
+PLANAR_2R = [(0.0, 0, 0, "q"), (0.0, "L1", 0, "q")]
+PLANAR_3R = [(0.0, 0, 0, "q"), (0.0, "L1", 0, "q"), (0.0, "L2", 0, "q")]
+SPATIAL_2R = [(0.0, 0, 0, "q"), (PI / 2, "A2", "D2", "q")]
+SPATIAL_3R = [(0.0, 0, 0, "q"), (PI / 2, "A2", "D2", "q"), (0.0, "A3", "D3", "q")]
+SKEW_3R = [(0.0, 0, 0, "q"), (PI / 2, "A2", "D2", "q"), (PI / 6, "A3", "D3", "q")]
+TILTED_3R = [(0.0, 0, 0, "q"), (PI / 4, "A2", "D2", "q"), (-PI / 3, "A3", "D3", "q")]
+PUMA = [
+    (0.0, 0, 0, "q"),
+    (PI / 2, 0, 0, "q"),
+    (0.0, "A3", "D3", "q"),
+    (-PI / 2, "A4", "D4", "q"),
+    (PI / 2, 0, 0, "q"),
+    (-PI / 2, 0, 0, "q"),
+]
+LWR = [
+    (0.0, 0, 0, "q"),
+    (PI / 2, 0, 0, "q"),
+    (-PI / 2, 0, "D3", "q"),
+    (-PI / 2, 0, 0, "q"),
+    (PI / 2, 0, "D5", "q"),
+    (PI / 2, 0, 0, "q"),
+    (-PI / 2, 0, 0, "q"),
+]
+CHAINS = {
+    "planar 2R": (PLANAR_2R, LYING),
+    "planar 3R": (PLANAR_3R, LYING),
+    "spatial 2R": (SPATIAL_2R, VERTICAL),
+    "spatial 2R, gravity across": (SPATIAL_2R, LYING),
+    "spatial 3R": (SPATIAL_3R, VERTICAL),
+    "skew 3R": (SKEW_3R, VERTICAL),
+    "skew 3R, gravity across": (SKEW_3R, LYING),
+    "tilted 3R": (TILTED_3R, VERTICAL),
+    "PUMA": (PUMA, VERTICAL),
+    "LWR": (LWR, VERTICAL),
+}
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_grouping_is_that_of_the_textbook(name):
+    assert_textbook(*CHAINS[name])
+
+
+def test_planar_three_links_as_printed():
+    """Khalil and Dombre 2002: nine parameters, masses beyond a joint act at its distance."""
+    robot = build_chain(PLANAR_3R, gravity=LYING)
+    expressions = {p.name: p.expression for p in find_base_parameters(robot).parameters}
+    assert expressions == {
+        "ZZR1": "ZZ1 + L1^2*M2 + L1^2*M3",
+        "MXR1": "MX1 + L1*M2 + L1*M3",
+        "MY1": "MY1",
+        "ZZR2": "ZZ2 + L2^2*M3",
+        "MXR2": "MX2 + L2*M3",
+        "MY2": "MY2",
+        "ZZ3": "ZZ3",
+        "MX3": "MX3",
+        "MY3": "MY3",
+    }
+
+
+def test_planar_arm_on_a_table_shows_no_first_moment_of_link_1():
+    robot = build_chain(PLANAR_2R, gravity=VERTICAL)
+    assert [p.name for p in find_base_parameters(robot).parameters] == ["ZZR1", "ZZ2", "MX2", "MY2"]
+
+
+VALUES = {"A3": 0.4318, "D3": 0.15005, "A4": 0.0203, "D4": 0.4318}
+
+
+def test_symbols_with_values_put_in_give_the_numeric_set():
+    lengths = {name: Rational(str(value)) for name, value in VALUES.items()}
+    symbolic = find_base_parameters(build_chain(PUMA)).parameters
+    numeric = find_base_parameters(PUMA560).parameters
+    assert [p.name for p in symbolic] == [p.name for p in numeric]
+    for left, right in zip(symbolic, numeric, strict=True):
+        assert expand(write_terms(left, lengths) - write_terms(right)) == 0
+
+
+@pytest.mark.parametrize(("robot", "rows"), [(PUMA560, PUMA), (PANDA, None)], ids=["puma", "panda"])
+def test_numeric_arms_follow_the_relations(robot, rows):
+    """The relations with numbers in them, for arms whose first joint is vertical."""
+    numbers = rows and [
+        tuple(VALUES.get(entry, entry) if entry != "q" else "q" for entry in row) for row in rows
+    ]
+    rows = numbers or [
+        (0.0, 0, 0.333, "q"),
+        (-PI / 2, 0, 0, "q"),
+        (PI / 2, 0, 0.316, "q"),
+        (PI / 2, 0.0825, 0, "q"),
+        (-PI / 2, -0.0825, 0.384, "q"),
+        (PI / 2, 0, 0, "q"),
+        (PI / 2, 0.088, 0, "q"),
+    ]
+    found = find_base_parameters(robot).parameters
+    expected = list_textbook(rows, vertical=True)
+    assert [p.label for p in found] == list(expected)
+    for parameter in found:
+        assert expand(write_terms(parameter) - expected[parameter.label]) == 0
+
+
+def test_rotors_of_the_first_joints_stand_with_their_links():
+    """Gautier and Khalil 1990: IA groups with ZZ where the joint's rotor feels what its link feels."""
+    robot = build_chain(PUMA, rotors=True)
+    base = find_base_parameters(robot)
+    grouped = {p.name: p.expression for p in base.parameters if "IA" in p.expression}
+    assert [name for name in grouped if name.startswith("ZZR")] == ["ZZR1", "ZZR2"]
+    assert [name for name in grouped if name.startswith("IA")] == ["IA3", "IA4", "IA5", "IA6"]
+    assert base.count == 36 + 4
+
+
+def test_a_prismatic_link_adds_its_inertia_to_the_link_before():
+    """Gautier and Khalil 1990: the inertia of a prismatic link is that of the link before, turned.
+
+    Frame 3 is frame 2 turned about x by 90 degrees: x3 = x2, y3 = z2, z3 = -y2.
+    """
+    rows = [(0.0, 0, 0, "q"), (PI / 2, "A2", 0, "q"), (PI / 2, "A3", "q", 0.0)]
+    expressions = {p.name: p.expression for p in find_base_parameters(build_chain(rows)).parameters}
+    assert expressions == {
+        "ZZR1": "ZZ1 + YY2 + A2^2*M2 + ZZ3",
+        "XXR2": "XX2 - YY2 + XX3 - ZZ3",
+        "XYR2": "XY2 - XZ3",
+        "XZR2": "XZ2 + XY3",
+        "YZR2": "YZ2 - YZ3",
+        "ZZR2": "ZZ2 + YY3",
+        "MX2": "MX2",
+        "MY2": "MY2",
+        "MX3": "MX3",
+        "MY3": "MY3",
+        "MZ3": "MZ3",
+        "M3": "M3",
+    }
+
+
+def test_textbook_count_of_a_chain_without_parallel_axes():
+    """7 n - 6 parameters with a vertical first joint, 7 n - 4 else (Khalil and Dombre 2002)."""
+    for size in (2, 3, 4):
+        rows = [(0.0, 0, 0, "q"), *[(PI / 2, 0.1, 0.2, "q")] * (size - 1)]
+        assert find_base_parameters(build_chain(rows)).count == 7 * size - 6
+        assert find_base_parameters(build_chain(rows, gravity=LYING)).count == 7 * size - 4
+
+
+def test_the_names_of_symbols_do_not_matter():
+    """Names that sort the other way round give the same set."""
+    names = {"A2": "Z9", "D2": "Y8", "A3": "C1", "D3": "B0"}
+    renamed = [tuple(names.get(entry, entry) for entry in row) for row in SPATIAL_3R]
+    left = find_base_parameters(build_chain(SPATIAL_3R)).parameters
+    right = find_base_parameters(build_chain(renamed)).parameters
+    back = {new: Symbol(old) for old, new in names.items()}
+    for one, other in zip(left, right, strict=True):
+        assert one.label == other.label
+        assert expand(write_terms(one) - write_terms(other, back)) == 0

@@ -1,0 +1,520 @@
+"""Laws that the dynamics of any tree obeys: with followers, coupled drives, springs, rational geometry.
+
+Everything is compared with Pinocchio's torques of the joints, folded onto the coordinates, drives added by
+their formulas (`tests.chains.regress`). Derivatives in time are complex steps, exact to rounding.
+"""
+
+import dataclasses
+from fractions import Fraction
+
+import numpy as np
+import pinocchio as pin
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from symid.algebra.floats import FloatAlgebra, build_float_state
+from symid.codegen.casadi_functions import build_functions
+from symid.dynamics.base import build_standard_parameters, find_base_parameters
+from symid.dynamics.composite import find_mass_matrix
+from symid.dynamics.drives import find_drive_energy, list_drive_parameters
+from symid.dynamics.energy import find_energy_rows
+from symid.dynamics.folding import fold_matrix, fold_vector
+from symid.dynamics.kinematics import build_recursion
+from symid.dynamics.newton_euler import find_inverse_dynamics
+from symid.dynamics.regressors import (
+    find_lagrange_columns,
+    find_momentum_columns,
+    find_slotine_li_columns,
+    find_torque_columns,
+)
+from symid.notation import INERTIAL
+from symid.robot.description import Mimic
+from symid.robot.geometry import ONE, ZERO, Angle, Exact, Placement, compose_placements, rotate_z, translate
+from symid.robot.inertia import move_parameters
+from tests.chains import (
+    RATIONAL_ANGLES,
+    RATIONAL_LENGTHS,
+    build_angle,
+    build_chain,
+    build_pinocchio,
+    draw_parameters,
+    fold,
+    regress,
+    spread,
+    trees,
+)
+
+STEP = 1e-30
+TREES = trees(
+    most=4,
+    angles=st.one_of(st.sampled_from([0.0, np.pi / 2, -np.pi / 2]), RATIONAL_ANGLES),
+    lengths=RATIONAL_LENGTHS,
+    rotors=True,
+    followers=True,
+    couplings=True,
+    springs=True,
+)
+SEEDS = st.integers(0, 999)
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """A robot with bodies and drives, and a state of its coordinates."""
+
+    robot: object
+    pi: np.ndarray
+    values: dict
+    q: np.ndarray
+    dq: np.ndarray
+    ddq: np.ndarray
+
+    @property
+    def keys(self):
+        return tuple(self.values)
+
+
+def draw_case(robot, seed):
+    rng = np.random.default_rng(seed)
+    pi = draw_parameters(rng, robot.size)
+    values = {(link, name): pi[link, k] for link in range(robot.size) for k, name in enumerate(INERTIAL)}
+    for label in list_drive_parameters(robot):
+        values[label] = rng.uniform(-2, 2) if label[1] == "KR" else rng.uniform(0.1, 2)
+    return Case(robot, pi, values, *rng.uniform(-2, 2, (3, robot.freedom)))
+
+
+def build(robot, q, dq, ddq):
+    """Return the recursion over floats, or complex numbers, in a state of the coordinates."""
+    state = build_float_state(*(spread(robot, values) for values in (q, dq, ddq)))
+    return build_recursion(robot, FloatAlgebra(dict(robot.symbols)), state)
+
+
+def assert_close(found, expected, tolerance=1e-11):
+    """Compare relative to the largest entry expected."""
+    found, expected = np.asarray(found, dtype=float), np.asarray(expected, dtype=float)
+    scale = max(1.0, float(np.abs(expected).max(initial=0.0)))
+    np.testing.assert_allclose(found.reshape(expected.shape), expected, rtol=0, atol=tolerance * scale)
+
+
+def find_torques(case):
+    """Return the torques of the coordinates by Pinocchio, drives and springs by their formulas."""
+    robot = case.robot
+    model = build_pinocchio(robot, case.pi)
+    state = (spread(robot, values) for values in (case.q, case.dq, case.ddq))
+    torque = fold(robot, pin.rnea(model, model.createData(), *state))
+    columns = regress(robot, case.q, case.dq, case.ddq, friction=False)
+    drives = [columns[label] * value for label, value in case.values.items() if label[1] not in INERTIAL]
+    return torque + sum(drives, np.zeros(robot.freedom))
+
+
+def stack(case, columns):
+    """Return the folded columns of a regressor as a matrix."""
+    algebra = FloatAlgebra()
+    return np.array([fold_vector(case.robot, algebra, columns[key]) for key in case.keys]).T
+
+
+def measure_energy(case, q, dq):
+    """Return kinetic and potential energy of links, rotors and springs."""
+    recursion = build(case.robot, q, dq, 0 * dq)
+    kinetic = potential = 0.0
+    for link, motion in enumerate(recursion.motions):
+        rows = find_energy_rows(recursion.algebra, motion)
+        kinetic = kinetic + np.dot(rows.kinetic, case.pi[link])
+        potential = potential + np.dot(rows.potential, case.pi[link])
+    for label, value in case.values.items():
+        if label[1] not in INERTIAL:
+            parts = find_drive_energy(recursion, label)
+            kinetic, potential = kinetic + parts[0] * value, potential + parts[1] * value
+    return kinetic, potential
+
+
+def group(case, base):
+    """Return beta = K pi."""
+    return np.array([sum(float(c) * case.values[label] for label, c in p.terms) for p in base.parameters])
+
+
+def call(robot, *names):
+    return {function.name(): function for function in build_functions(robot, names=names).functions}
+
+
+@settings(max_examples=40, deadline=None)
+@given(robot=TREES, seed=SEEDS)
+def test_regressor_newton_euler_and_pinocchio_give_the_same_torques(robot, seed):
+    case = draw_case(robot, seed)
+    recursion = build(robot, case.q, case.dq, case.ddq)
+    regressor = stack(case, find_torque_columns(recursion, case.keys))
+    expected = find_torques(case)
+    assert_close(regressor @ np.array(list(case.values.values())), expected)
+    torques = find_inverse_dynamics(recursion, case.values)
+    assert_close(fold_vector(robot, recursion.algebra, torques), expected)
+    oracle = regress(robot, case.q, case.dq, case.ddq, friction=False)
+    assert_close(regressor, np.array([oracle[key] for key in case.keys]).T)
+    reference = (recursion.state.velocity, recursion.state.acceleration)
+    assert_close(stack(case, find_slotine_li_columns(recursion, reference, case.keys)), regressor)
+
+
+@settings(max_examples=25, deadline=None)
+@given(robot=TREES, seed=SEEDS)
+def test_generated_functions_in_base_parameters_give_the_same_torques(robot, seed):
+    case = draw_case(robot, seed)
+    base = find_base_parameters(robot)
+    beta, expected = group(case, base), find_torques(case)
+    q, dq, ddq = case.q, case.dq, case.ddq
+    functions = call(
+        robot,
+        "torque_regressor",
+        "inverse_dynamics",
+        "slotine_li_regressor",
+        "bias",
+        "mass_matrix",
+        "gravity",
+    )
+    assert_close(np.array(functions["torque_regressor"](q, dq, ddq)) @ beta, expected)
+    assert_close(functions["inverse_dynamics"](q, dq, ddq, beta), expected)
+    assert_close(np.array(functions["slotine_li_regressor"](q, dq, dq, ddq)) @ beta, expected)
+    mass = np.array(functions["mass_matrix"](q, beta))
+    assert_close(mass @ ddq + np.array(functions["bias"](q, dq, beta)).ravel(), expected)
+    still = dataclasses.replace(case, dq=0 * dq, ddq=0 * ddq)
+    assert_close(functions["gravity"](q, beta), find_torques(still))
+
+
+@settings(max_examples=25, deadline=None)
+@given(robot=TREES, seed=SEEDS)
+def test_mass_matrix_is_symmetric_positive_definite_and_pinocchios(robot, seed):
+    case = draw_case(robot, seed)
+    recursion = build(robot, case.q, case.dq, case.ddq)
+    matrix = fold_matrix(robot, recursion.algebra, find_mass_matrix(recursion, case.values))
+    mass = np.array(matrix, dtype=float)
+    np.testing.assert_array_equal(mass, mass.T)
+    assert np.linalg.eigvalsh(mass).min() > 0
+    still = dataclasses.replace(
+        case,
+        robot=dataclasses.replace(robot, gravity=(ZERO, ZERO, ZERO)),
+        values={label: 0.0 if label[1] in ("KS", "KR") else value for label, value in case.values.items()},
+        dq=0 * case.dq,
+    )
+    # Pinocchio's crba wants its joints depth first; its rnea does not.
+    units = np.eye(robot.freedom)
+    expected = np.array([find_torques(dataclasses.replace(still, ddq=unit)) for unit in units]).T
+    assert_close(mass, expected)
+    base = find_base_parameters(robot)
+    assert_close(call(robot, "mass_matrix")["mass_matrix"](case.q, group(case, base)), expected)
+
+
+@settings(max_examples=25, deadline=None)
+@given(robot=TREES, seed=SEEDS)
+def test_mass_rate_less_twice_coriolis_is_skew(robot, seed):
+    case = draw_case(robot, seed)
+    moving = build(robot, case.q + 1j * STEP * case.dq, case.dq, case.ddq)
+    matrix = np.array(fold_matrix(robot, moving.algebra, find_mass_matrix(moving, case.values)))
+    rate = matrix.astype(complex).imag / STEP
+    beta = group(case, find_base_parameters(robot))
+    functions = call(robot, "coriolis_matrix", "bias", "gravity")
+    coriolis = np.array(functions["coriolis_matrix"](case.q, case.dq, beta))
+    skew = rate - 2 * coriolis
+    assert_close(skew + skew.T, np.zeros_like(skew), 1e-11 * max(1.0, float(np.abs(rate).max(initial=0))))
+    bias = np.array(functions["bias"](case.q, case.dq, beta)) - np.array(functions["gravity"](case.q, beta))
+    assert_close(coriolis @ case.dq, bias.ravel())
+
+
+@settings(max_examples=40, deadline=None)
+@given(robot=TREES, seed=SEEDS)
+def test_power_of_the_torques_is_the_change_of_the_energy(robot, seed):
+    case = draw_case(robot, seed)
+    energies = measure_energy(case, case.q + 1j * STEP * case.dq, case.dq + 1j * STEP * case.ddq)
+    change = complex(sum(energies)).imag / STEP
+    torque = find_torques(case)
+    scale = np.abs(torque) @ np.abs(case.dq)
+    assert abs(change - torque @ case.dq) < 1e-12 * max(1.0, scale)
+
+
+@settings(max_examples=20, deadline=None)
+@given(robot=TREES, seed=SEEDS)
+def test_energy_of_the_functions_is_that_of_links_drives_and_springs(robot, seed):
+    """The kinetic energy itself, the potential energy up to a constant."""
+    case = draw_case(robot, seed)
+    beta = group(case, find_base_parameters(robot))
+    functions = call(robot, "energy", "energy_regressor")
+    kinetic, potential = (float(value) for value in functions["energy"](case.q, case.dq, beta))
+    expected = [float(value) for value in measure_energy(case, case.q, case.dq)]
+    still = 0 * case.q
+    start = float(functions["energy"](still, still, beta)[1])
+    assert_close(kinetic, expected[0])
+    assert_close(potential - start, expected[1] - float(measure_energy(case, still, still)[1]), 1e-10)
+    rows = [np.array(row).ravel() @ beta for row in functions["energy_regressor"](case.q, case.dq)]
+    assert_close(rows, [kinetic, potential])
+
+
+@settings(max_examples=30, deadline=None)
+@given(robot=TREES, seed=SEEDS)
+def test_momentum_and_lagrange_regressors_make_the_torque(robot, seed):
+    """dp/dt - dL/dq = tau, p = M dq."""
+    case = draw_case(robot, seed)
+    values = np.array(list(case.values.values()))
+    moving = build(robot, case.q + 1j * STEP * case.dq, case.dq + 1j * STEP * case.ddq, case.ddq)
+    momentum = stack(case, find_momentum_columns(moving, case.keys)).astype(complex)
+    recursion = build(robot, case.q, case.dq, case.ddq)
+    lagrange = stack(case, find_lagrange_columns(recursion, case.keys))
+    assert_close(momentum.imag @ values / STEP - lagrange @ values, find_torques(case))
+    mass = np.array(
+        fold_matrix(robot, recursion.algebra, find_mass_matrix(recursion, case.values)), dtype=float
+    )
+    assert_close(momentum.real @ values, mass @ case.dq)
+    beta = group(case, find_base_parameters(robot))
+    functions = call(robot, "momentum_regressor", "lagrange_regressor")
+    assert_close(np.array(functions["momentum_regressor"](case.q, case.dq)) @ beta, mass @ case.dq)
+    assert_close(np.array(functions["lagrange_regressor"](case.q, case.dq)) @ beta, lagrange @ values)
+
+
+@settings(max_examples=20, deadline=None)
+@given(robot=TREES, seed=SEEDS)
+def test_forward_dynamics_undoes_inverse_dynamics(robot, seed):
+    case = draw_case(robot, seed)
+    beta = group(case, find_base_parameters(robot))
+    forward = call(robot, "forward_dynamics")["forward_dynamics"]
+    assert_close(forward(case.q, case.dq, find_torques(case), beta), case.ddq, 1e-7)
+
+
+FRICTIONAL = trees(
+    most=3,
+    angles=st.sampled_from([0.0, np.pi / 2, -np.pi / 2]),
+    rotors=True,
+    friction=True,
+    followers=True,
+    couplings=True,
+    springs=True,
+)
+
+
+@settings(max_examples=30, deadline=None)
+@given(robot=FRICTIONAL, seed=SEEDS)
+def test_friction_and_inertial_functions_make_up_all_torques(robot, seed):
+    """Offsets may stand in a group of weights: the sum of both is what must be right."""
+    case, base = draw_case(robot, seed), find_base_parameters(robot)
+    oracle = regress(robot, case.q, case.dq, case.ddq)
+    rng = np.random.default_rng(seed)
+    values = {label: case.values.get(label, rng.uniform(-2, 2)) for label in base.labels}
+    expected = sum((value * oracle[label] for label, value in values.items()), np.zeros(robot.freedom))
+    beta, f = (
+        np.array([sum(float(c) * values[label] for label, c in p.terms) for p in group])
+        for group in (base.parameters, base.friction)
+    )
+    names = ("inverse_dynamics", "friction", "friction_regressor")
+    functions = call(robot, *(names if base.friction else names[:1]))
+    torque = np.array(functions["inverse_dynamics"](case.q, case.dq, case.ddq, beta)).ravel()
+    if base.friction:
+        torque = torque + np.array(functions["friction"](case.dq, f)).ravel()
+        rows = np.array(functions["friction_regressor"](case.dq))
+        assert_close(rows, np.array([oracle[p.label] for p in base.friction]).T)
+    assert_close(torque, expected)
+
+
+@settings(max_examples=20, deadline=None)
+@given(robot=TREES, seed=SEEDS)
+def test_functions_in_standard_parameters_take_them_one_by_one(robot, seed):
+    case = draw_case(robot, seed)
+    built = build_functions(
+        robot, names=("torque_regressor", "inverse_dynamics", "mass_matrix"), standard=True
+    )
+    functions = {function.name(): function for function in built.functions}
+    oracle = regress(robot, case.q, case.dq, case.ddq, friction=False)
+    labels = [p.label for p in build_standard_parameters(robot).parameters]
+    assert sorted(labels) == sorted(oracle)
+    expected = np.array([oracle[label] for label in labels]).T
+    assert_close(functions["torque_regressor"](case.q, case.dq, case.ddq), expected)
+    values = np.array([case.values[label] for label in labels])
+    assert_close(functions["inverse_dynamics"](case.q, case.dq, case.ddq, values), expected @ values)
+
+
+@settings(max_examples=15, deadline=None)
+@given(robot=TREES, seed=SEEDS)
+def test_derivatives_of_the_torques_are_those_by_complex_step(robot, seed):
+    case = draw_case(robot, seed)
+    beta = group(case, find_base_parameters(robot))
+    found = call(robot, "inverse_dynamics_derivatives")["inverse_dynamics_derivatives"](
+        case.q, case.dq, case.ddq, beta
+    )
+    for k, matrix in enumerate(found):
+        columns = []
+        for unit in 1j * STEP * np.eye(robot.freedom):
+            state = [values + (unit if k == j else 0) for j, values in enumerate((case.q, case.dq, case.ddq))]
+            recursion = build(robot, *state)
+            torques = find_inverse_dynamics(recursion, case.values)
+            columns.append(
+                np.array(fold_vector(robot, recursion.algebra, torques), dtype=complex).imag / STEP
+            )
+        assert_close(matrix, np.array(columns).T)
+
+
+@settings(max_examples=20, deadline=None)
+@given(robot=TREES, seed=SEEDS)
+def test_kinematics_are_pinocchios(robot, seed):
+    case = draw_case(robot, seed)
+    functions = call(robot, "forward_kinematics", "jacobian")
+    rotations, origins = (np.array(value) for value in functions["forward_kinematics"](case.q))
+    model = build_pinocchio(robot)
+    data = model.createData()
+    joints = spread(robot, case.q)
+    pin.forwardKinematics(model, data, joints)
+    for link, frame in enumerate(data.oMi[1:]):
+        assert_close(rotations[link].reshape(3, 3), frame.rotation)
+        assert_close(origins[link], frame.translation)
+    # Pinocchio gives a vector for a single joint.
+    jacobian = pin.computeJointJacobian(model, data, joints, robot.size).reshape(6, robot.size)
+    turn = data.oMi[robot.size].rotation
+    world = np.vstack([turn @ jacobian[:3], turn @ jacobian[3:]])
+    assert_close(functions["jacobian"](case.q), fold(robot, world.T).T)
+
+
+def renumber(robot, order):
+    """Return the robot with its joints in another order; parents stay before their children."""
+    place = {old: new for new, old in enumerate(order)}
+    joints = []
+    for old in order:
+        joint = robot.joints[old]
+        mimic = joint.mimic and Mimic(master=place[joint.mimic.master], multiplier=joint.mimic.multiplier)
+        joints.append(dataclasses.replace(joint, parent=place.get(joint.parent, -1), mimic=mimic))
+    couplings = tuple(
+        dataclasses.replace(entry, terms=tuple((place[index], factor) for index, factor in entry.terms))
+        for entry in robot.couplings
+    )
+    return dataclasses.replace(robot, joints=tuple(joints), couplings=couplings)
+
+
+def draw_order(robot, rng):
+    order, waiting = [], list(range(robot.size))
+    while waiting:
+        ready = [index for index in waiting if robot.joints[index].parent in (-1, *order)]
+        order.append(ready[rng.integers(len(ready))])
+        waiting.remove(order[-1])
+    return order
+
+
+def build_grouping(robot, labels):
+    """Return K in numbers, friction included, with its columns in the order of `labels`."""
+    base = find_base_parameters(robot)
+    parameters = (*base.parameters, *base.friction)
+    matrix = np.zeros((len(parameters), len(labels)))
+    for row, parameter in enumerate(parameters):
+        for label, value in parameter.terms:
+            matrix[row, labels.index(label)] = float(value)
+    return matrix
+
+
+def assert_same_span(left, right):
+    """Two grouping matrices have the same rows, but for their combination."""
+    assert left.shape == right.shape
+    both = np.vstack([left, right])
+    sizes = np.linalg.norm(both, axis=0)
+    # A column that is nothing but rounding must not be blown up.
+    values = np.linalg.svd(both / np.where(sizes > 1e-12, sizes, 1.0), compute_uv=False)
+    assert int(np.sum(values > 1e-9)) == len(left)
+
+
+@settings(max_examples=20, deadline=None)
+@given(robot=TREES, seed=SEEDS)
+def test_renumbering_joints_changes_nothing(robot, seed):
+    rng = np.random.default_rng(seed)
+    order = draw_order(robot, rng)
+    other, case = renumber(robot, order), draw_case(robot, seed)
+    links = [*order, *range(robot.size, robot.size + len(robot.couplings))]
+    values = {(links.index(old), name): value for (old, name), value in case.values.items()}
+    free = [robot.coordinates.index(old) for old in order if old in robot.coordinates]
+    recursion = build(other, case.q[free], case.dq[free], case.ddq[free])
+    torques = fold_vector(other, recursion.algebra, find_inverse_dynamics(recursion, values))
+    assert_close(torques, find_torques(case)[free])
+    labels = list(find_base_parameters(other).labels)
+    renamed = [(links[index], name) for index, name in labels]
+    assert_same_span(build_grouping(other, labels), build_grouping(robot, renamed))
+
+
+def invert(placement):
+    """Return the inverse of a placement that turns about z and shifts without symbols."""
+    rotation = tuple(zip(*placement.rotation, strict=True))
+    shift = [-sum((row[k] * placement.translation[k] for k in range(3)), ZERO) for row in rotation]
+    return Placement(rotation=rotation, translation=tuple(shift))
+
+
+def to_arrays(placement):
+    rotation = np.array([[value.to_float() for value in row] for row in placement.rotation])
+    return rotation, np.array([value.to_float() for value in placement.translation])
+
+
+def reframe(robot, moves):
+    """Return the robot with each link frame moved along its own axis: turned about z, shifted."""
+    joints = []
+    for joint, move in zip(robot.joints, moves, strict=True):
+        placement = compose_placements(joint.placement, move)
+        if joint.parent >= 0:
+            placement = compose_placements(invert(moves[joint.parent]), placement)
+        joints.append(dataclasses.replace(joint, placement=placement))
+    return dataclasses.replace(robot, joints=tuple(joints))
+
+
+MOVES = st.builds(
+    lambda tangent, shift: compose_placements(rotate_z(build_angle(tangent)), translate(ZERO, ZERO, shift)),
+    st.fractions(Fraction(-1), Fraction(1), max_denominator=3),
+    st.integers(-3, 3).map(lambda value: Exact.of(Fraction(value, 10))),
+)
+
+
+@settings(max_examples=20, deadline=None)
+@given(robot=TREES, moves=st.lists(MOVES, min_size=4, max_size=4), seed=SEEDS)
+def test_reframing_links_changes_nothing(robot, moves, seed):
+    moves = moves[: robot.size]
+    other, case = reframe(robot, moves), draw_case(robot, seed)
+    back = [to_arrays(invert(move)) for move in moves]
+    values = dict(case.values)
+    for link, (rotation, translation) in enumerate(back):
+        moved = move_parameters(case.pi[link], rotation, translation)
+        values |= {(link, name): value for name, value in zip(INERTIAL, moved, strict=True)}
+    recursion = build(other, case.q, case.dq, case.ddq)
+    torques = fold_vector(other, recursion.algebra, find_inverse_dynamics(recursion, values))
+    assert_close(torques, find_torques(case))
+    labels = list(find_base_parameters(robot).labels)
+    change = np.eye(len(labels))
+    for link, (rotation, translation) in enumerate(back):
+        columns = [labels.index((link, name)) for name in INERTIAL]
+        # Moving is linear: its matrix from the ten unit vectors.
+        units = [move_parameters(unit, rotation, translation) for unit in np.eye(10)]
+        change[np.ix_(columns, columns)] = np.array(units).T
+    assert_same_span(build_grouping(other, labels) @ change, build_grouping(robot, labels))
+
+
+@settings(max_examples=10, deadline=None)
+@given(robot=TREES, seed=SEEDS)
+def test_turning_gravity_and_base_together_changes_nothing(robot, seed):
+    turn = rotate_z(build_angle(Fraction(1, 3)))
+    case = draw_case(robot, seed)
+    joints = tuple(
+        dataclasses.replace(joint, placement=compose_placements(turn, joint.placement))
+        if joint.parent < 0
+        else joint
+        for joint in robot.joints
+    )
+    gravity = tuple(
+        sum((a * b for a, b in zip(row, robot.gravity, strict=True)), ZERO) for row in turn.rotation
+    )
+    other = dataclasses.replace(robot, joints=joints, gravity=gravity)
+    recursion = build(other, case.q, case.dq, case.ddq)
+    torques = fold_vector(other, recursion.algebra, find_inverse_dynamics(recursion, case.values))
+    assert_close(torques, find_torques(case))
+    labels = list(find_base_parameters(robot).labels)
+    assert_same_span(build_grouping(other, labels), build_grouping(robot, labels))
+
+
+def test_a_machine_of_parallel_slides_has_all_functions():
+    """Hardly anything in its functions is a variable: the smallest programs there are."""
+    for rows in ([(0.0, 0, "q", 0.0)] * 2, [(0.0, 0, 0, "q")] * 2):
+        robot = build_chain(rows)
+        case, base = draw_case(robot, 1), find_base_parameters(robot)
+        functions = {function.name(): function for function in build_functions(robot).functions}
+        torque = functions["inverse_dynamics"](case.q, case.dq, case.ddq, group(case, base))
+        assert_close(torque, find_torques(case))
+        assert_close(functions["coriolis_matrix"](case.q, case.dq, group(case, base)), np.zeros((2, 2)))
+
+
+def test_the_helpers_know_a_right_angle():
+    quarter = build_angle(Fraction(1))
+    assert (quarter.cosine, quarter.sine) == (ZERO, ONE)
+    assert isinstance(quarter, Angle)
+    assert build_angle(Fraction(0), opposite=True).cosine == -ONE
