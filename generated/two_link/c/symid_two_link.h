@@ -215,7 +215,7 @@ int symid_two_link_inverse_dynamics_derivatives_batch(size_t n, const double *q,
  * @param [out] V potential energy: 1, J
  * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
  *
- * Operations: 23 products, 9 sums, 4 elementary functions.
+ * Operations: 18 products, 8 sums, 4 elementary functions.
  */
 int symid_two_link_energy(const double q[2], const double dq[2], const double beta[6], double T[1], double V[1]);
 
