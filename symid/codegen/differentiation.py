@@ -9,12 +9,14 @@ Supported: sums, products, quotients, sine and cosine.
 Not supported: other operations on the way; they are refused by name.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from symid.codegen.instructions import Op
 from symid.codegen.values import ValueTable
 
-__all__ = ["find_gradient", "find_rates"]
+__all__ = ["find_gradient", "find_rates", "find_rates_along"]
+
+Step = tuple[int, Op, tuple[int, ...]]
 
 
 def _find_slopes(table: ValueTable, number: int, op: Op, args: tuple[int, ...]) -> tuple[int, ...]:
@@ -36,21 +38,55 @@ def _find_slopes(table: ValueTable, number: int, op: Op, args: tuple[int, ...]) 
     raise TypeError(message)
 
 
-def find_rates(table: ValueTable, values: Sequence[int], seeds: Mapping[int, int]) -> list[int]:
-    """Return the derivatives of `values` in the direction that gives each input its seed; constants stay."""
+def _find_reached(
+    users: Mapping[int, Sequence[int]], steps: Sequence[Step], seeds: Iterable[int]
+) -> list[int]:
+    """Return the indices of the steps that depend on `seeds`, in order."""
+    reached: set[int] = set()
+    waiting = list(seeds)
+    while waiting:
+        for index in users.get(waiting.pop(), ()):
+            if index not in reached:
+                reached.add(index)
+                waiting.append(steps[index][0])
+    return sorted(reached)
+
+
+def find_rates_along(
+    table: ValueTable, values: Sequence[int], directions: Sequence[Mapping[int, int]]
+) -> list[list[int]]:
+    """Return, for each direction, the derivatives of `values` where each input moves by its seed.
+
+    Constants stay where they are.
+    """
     zero = table.constant(0.0)
-    moving = {ref: seed for ref, seed in seeds.items() if not table.is_constant(ref) and abs(seed) != zero}
-    rates = {abs(ref): seed if ref > 0 else -seed for ref, seed in moving.items()}
-    for number, op, args in table.walk(values):
-        if number in rates or op in (Op.INPUT, Op.CONSTANT) or not any(abs(ref) in rates for ref in args):
-            continue
-        total = zero
-        for ref, slope in zip(args, _find_slopes(table, number, op, args), strict=True):
-            rate = rates.get(abs(ref), zero)
-            total = table.add(total, table.mul(slope, rate if ref > 0 else -rate))
-        if abs(total) != zero:
+    steps = table.walk(values)
+    users: dict[int, list[int]] = {}
+    for index, (_, op, args) in enumerate(steps):
+        for ref in () if op is Op.INPUT else args:
+            users.setdefault(abs(ref), []).append(index)
+    results = []
+    for seeds in directions:
+        moving = {
+            ref: seed for ref, seed in seeds.items() if not table.is_constant(ref) and abs(seed) != zero
+        }
+        rates = {abs(ref): seed if ref > 0 else -seed for ref, seed in moving.items()}
+        for index in _find_reached(users, steps, tuple(rates)):
+            number, op, args = steps[index]
+            if number in rates:
+                continue
+            total = zero
+            for ref, slope in zip(args, _find_slopes(table, number, op, args), strict=True):
+                rate = rates.get(abs(ref), zero)
+                total = table.add(total, table.mul(slope, rate if ref > 0 else -rate))
             rates[number] = total
-    return [rates.get(ref, zero) if ref > 0 else -rates.get(-ref, zero) for ref in values]
+        results.append([rates.get(ref, zero) if ref > 0 else -rates.get(-ref, zero) for ref in values])
+    return results
+
+
+def find_rates(table: ValueTable, values: Sequence[int], seeds: Mapping[int, int]) -> list[int]:
+    """Return the derivatives of `values` in one direction; see `find_rates_along`."""
+    return find_rates_along(table, values, [seeds])[0]
 
 
 def find_gradient(table: ValueTable, value: int, inputs: Sequence[int]) -> list[int]:

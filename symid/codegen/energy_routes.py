@@ -9,7 +9,7 @@ Supported: everything the recursion supports.
 from collections.abc import Sequence
 
 from symid.algebra.vectors import total
-from symid.codegen.differentiation import find_gradient, find_rates
+from symid.codegen.differentiation import find_gradient, find_rates, find_rates_along
 from symid.codegen.outputs import lay_coordinates, line_up
 from symid.codegen.workspace import Elements, Workspace
 from symid.dynamics.composite import gather_body
@@ -110,7 +110,7 @@ def derive_mass_matrix(workspace: Workspace) -> tuple[Elements, ...]:
     kinetic = _weigh(moving, _find_rows(moving)[0])
     momenta = find_gradient(table, kinetic, rates)
     one = table.constant(1.0)
-    columns = [find_rates(table, momenta, {rate: one}) for rate in rates]
+    columns = find_rates_along(table, momenta, [{rate: one} for rate in rates])
     return (line_up(workspace, columns),)
 
 

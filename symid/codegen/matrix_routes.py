@@ -8,7 +8,7 @@ Supported: everything the recursion supports.
 
 from collections.abc import Sequence
 
-from symid.codegen.differentiation import find_rates
+from symid.codegen.differentiation import find_rates_along
 from symid.codegen.meetings import meet_at_depth
 from symid.codegen.outputs import lay_coordinates, lay_matrix, line_up
 from symid.codegen.workspace import Build, Elements, Workspace
@@ -87,7 +87,8 @@ def differentiate_torques(torques: Build) -> Build:
         one = table.constant(1.0)
         blocks = []
         for name in ("q", "dq"):
-            columns = [find_rates(table, values, {ref: one}) for ref in workspace.inputs[name]]
+            directions = [{ref: one} for ref in workspace.inputs[name]]
+            columns = find_rates_along(table, values, directions)
             blocks.append(line_up(workspace, columns))
         return tuple(blocks)
 

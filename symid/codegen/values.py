@@ -196,16 +196,15 @@ class ValueTable:
 
     def _find_needed(self, outputs: Iterable[int]) -> list[int]:
         """Return the numbers of the instructions that `outputs` need, in order."""
-        needed = bytearray(len(self._ops) + 1)
-        last = 0
-        for ref in outputs:
-            needed[abs(ref)] = 1
-            last = max(last, abs(ref))
-        for number in range(last, 0, -1):
-            if needed[number]:
-                for ref in self._sources[number - 1]:
-                    needed[abs(ref)] = 1
-        return [number for number in range(1, last + 1) if needed[number]]
+        needed: set[int] = set()
+        waiting = [abs(ref) for ref in outputs]
+        while waiting:
+            number = waiting.pop()
+            if number not in needed:
+                needed.add(number)
+                waiting.extend(map(abs, self._sources[number - 1]))
+        # Sorted, the set's own order takes no part.
+        return sorted(needed)
 
     def walk(self, outputs: Iterable[int]) -> list[tuple[int, Op, tuple[int, ...]]]:
         """Return number, operation and arguments of the instructions that `outputs` need, in order."""
