@@ -17,11 +17,11 @@ from typing import TypeVar
 from symid.codegen.catalogue import find_robot_specs
 from symid.codegen.instructions import count_operations
 from symid.codegen.routes import choose_route
-from symid.dynamics.base import find_base_parameters
 from symid.dynamics.lagrange import derive_energy
+from symid.formats.locate import find_robot_file
+from symid.formats.toml import read_robot
+from symid.parameters.base import find_base_parameters
 from symid.robot.description import Joint, Robot
-from symid.robot.locate import find_robot_file
-from symid.robot.toml import read_robot
 
 R = TypeVar("R")
 COUNTED = ("inverse_dynamics", "mass_matrix", "forward_dynamics", "torque_regressor", "energy_regressor")

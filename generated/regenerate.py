@@ -6,7 +6,7 @@ from symid.codegen.c_library import generate_c_library
 from symid.codegen.casadi_functions import build_functions
 from symid.codegen.python_module import generate_python_module
 from symid.codegen.writer import SourceSet, write_sources
-from symid.robot.toml import read_robot
+from symid.formats.toml import read_robot
 
 __all__ = ["ROBOTS", "generate_samples"]
 

@@ -11,7 +11,7 @@ from symid.cli.options import cut_options, friction_option, verb
 from symid.cli.output import Answer, Console
 
 if TYPE_CHECKING:  # these load SymPy
-    from symid.dynamics.base import BaseParameter
+    from symid.parameters.base import BaseParameter
     from symid.robot.description import Robot
 
 __all__ = ["command"]
@@ -48,11 +48,11 @@ def command(
     """
     described = load_robot(robot, friction=friction, base=base_link, tip=tip_link)
     console.progress(f"finding the base parameters of {described.name}")
-    from symid.dynamics.base import find_base_parameters
     from symid.dynamics.drives import DRIVE
     from symid.dynamics.labels import write_label
-    from symid.dynamics.values import find_parameter_forms, find_parameter_values
     from symid.notation import INERTIAL
+    from symid.parameters.base import find_base_parameters
+    from symid.parameters.values import find_parameter_forms, find_parameter_values
 
     base = find_base_parameters(described, form=form)
     inertial = (*INERTIAL, *DRIVE)

@@ -12,7 +12,7 @@ from symid.cli.output import Answer, Console, format_table
 
 if TYPE_CHECKING:  # this loads SymPy
     from symid.codegen.routes import RouteCount
-    from symid.dynamics.lesson import Step
+    from symid.teaching.lesson import Step
 
 __all__ = ["command"]
 
@@ -33,7 +33,7 @@ def command(
     described = load_robot(robot, base=base_link, tip=tip_link)
     console.progress(f"deriving the dynamics of {described.name}")
     from symid.codegen.routes import find_route_counts
-    from symid.dynamics.lesson import derive_lesson
+    from symid.teaching.lesson import derive_lesson
 
     steps = derive_lesson(described)
     console.progress("counting the operations of all routes to code")

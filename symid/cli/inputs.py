@@ -53,16 +53,16 @@ def load_robot(
         UsageError: there is no such robot, or a setting cannot be made here.
         RobotError: the file is wrong.
     """
-    from symid.robot.locate import find_robot_file, is_urdf
+    from symid.formats.locate import find_robot_file, is_urdf
 
     path = find_robot_file(name)
     if is_urdf(path):
-        from symid.robot.urdf import read_urdf
+        from symid.formats.urdf import read_urdf
 
         robot = read_urdf(path, base=base, tip=tip)
     else:
         _refuse_cut(path, base=base, tip=tip)
-        from symid.robot.toml import read_robot
+        from symid.formats.toml import read_robot
 
         robot = read_robot(path)
     return _override(robot, settings, friction) if settings or friction else robot
@@ -80,7 +80,7 @@ def _refuse_cut(path: Path, **links: str | None) -> None:
 
 def _override(robot: "Robot", settings: Sequence[tuple[str, str]], friction: str | None) -> "Robot":
     """Return `robot` with other settings; what is wrong with one is wrong with the call, not the file."""
-    from symid.robot.overrides import override_robot
+    from symid.formats.overrides import override_robot
 
     try:
         return override_robot(robot, settings, friction)
@@ -154,9 +154,9 @@ def load_robot_of_estimate(name: str, estimate: "Estimate", settings: Sequence[t
 
 def _restore_settings(robot: "Robot", settings: Mapping[str, object]) -> "Robot":
     """Return `robot` with the log map and the processing of an estimate, checked like those of a file."""
-    from symid.robot.positions import Place, Places
-    from symid.robot.section import Report, Section
-    from symid.robot.settings import read_log, read_processing
+    from symid.formats.positions import Place, Places
+    from symid.formats.section import Report, Section
+    from symid.formats.settings import read_log, read_processing
 
     if not isinstance(settings.get("processing"), Mapping):
         text = "its settings have no usable 'processing'; identify again"
@@ -207,7 +207,7 @@ def _flatten(value: object, prefix: str = "") -> dict[str, object]:
 
 def describe_settings(robot: "Robot") -> dict[str, object]:
     """Return the log map and the processing as they are used, for the echo in a result."""
-    from symid.robot.settings import list_log, list_processing
+    from symid.formats.settings import list_log, list_processing
 
     return {"log": _simplify(list_log(robot.log)), "processing": _simplify(list_processing(robot.processing))}
 

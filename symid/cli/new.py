@@ -63,11 +63,11 @@ def command(
         robot, text = _copy(name, file, force=force)
     else:
         if urdf is not None:
-            from symid.robot.urdf import read_urdf
+            from symid.formats.urdf import read_urdf
 
             robot = read_urdf(urdf, base=base, tip=tip)
         else:
-            from symid.robot.dh_table import read_dh_table
+            from symid.formats.dh_table import read_dh_table
 
             robot = read_dh_table(table or Path(), convention or "", _split_gravity(gravity))
         text = _write(robot, file)
@@ -140,8 +140,8 @@ def _split_gravity(text: str | None) -> tuple[str, str, str]:
 
 def _copy(name: str, file: Path, *, force: bool) -> tuple["Robot", str]:
     """Return a robot at hand and the text of its file."""
-    from symid.robot.locate import find_robot_file
-    from symid.robot.toml import read_robot
+    from symid.formats.locate import find_robot_file
+    from symid.formats.toml import read_robot
 
     found = find_robot_file(name)
     check_output(file, force=force, inputs=(found,))
@@ -150,8 +150,8 @@ def _copy(name: str, file: Path, *, force: bool) -> tuple["Robot", str]:
 
 def _write(robot: "Robot", file: Path) -> str:
     """Return the text of the new file, which has been read back."""
-    from symid.robot.toml import parse_robot
-    from symid.robot.writer import write_robot
+    from symid.formats.toml import parse_robot
+    from symid.formats.writer import write_robot
 
     text = write_robot(robot, comment=_COMMENT.format(source=Path(robot.path).name), hints=True)
     parse_robot(text, str(file))

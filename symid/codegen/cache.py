@@ -37,7 +37,7 @@ from symid.robot.log_map import LogMap, Processing
 __all__ = ["find_cache_folder", "find_library_key", "prepare_library"]
 
 _SEAL = "seal.json"
-_ROOMS = ("robot", "algebra", "joint", "dynamics", "codegen")
+_ROOMS = ("robot", "algebra", "joint", "dynamics", "parameters", "codegen")
 _MODULES = ("arrays", "errors", "notation", "provenance", "resources")
 _PACKAGE = Path(__file__).resolve().parent.parent
 

@@ -19,8 +19,8 @@ from symid.codegen.model_card import build_model_card
 from symid.codegen.routes import choose_route
 from symid.codegen.sx_functions import build_function
 from symid.codegen.workspace import check_symbols
-from symid.dynamics.base import build_standard_parameters, find_base_parameters
 from symid.errors import Notice, UsageError
+from symid.parameters.base import build_standard_parameters, find_base_parameters
 from symid.robot.description import Robot
 
 __all__ = ["Functions", "build_functions"]

@@ -12,7 +12,7 @@ from symid.codegen.functions import FunctionSpec, Port
 from symid.robot.description import Robot
 
 if TYPE_CHECKING:  # this loads SymPy, and users of a library do without
-    from symid.dynamics.base import BaseParameters
+    from symid.parameters.base import BaseParameters
 
 __all__ = ["find_robot_specs", "find_specs"]
 

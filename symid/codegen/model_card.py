@@ -6,9 +6,9 @@ Supported: everything the base parameters support; values only where the robot f
 """
 
 from symid.codegen.functions import FunctionSpec, JointCard, ModelCard, ParameterCard, find_model_signature
-from symid.dynamics.base import BaseParameter, BaseParameters
 from symid.dynamics.labels import find_label_unit, find_owner
-from symid.dynamics.values import find_parameter_values
+from symid.parameters.base import BaseParameter, BaseParameters
+from symid.parameters.values import find_parameter_values
 from symid.robot.description import Robot
 
 __all__ = ["build_model_card"]

@@ -9,8 +9,8 @@ Every result passes here, so that the shares of joints that follow another are a
 from collections.abc import Mapping, Sequence
 
 from symid.codegen.workspace import Elements, Workspace
-from symid.dynamics.base import Label
 from symid.dynamics.folding import fold_matrix, fold_vector
+from symid.parameters.base import Label
 
 __all__ = ["lay_columns", "lay_coordinates", "lay_matrix", "lay_rows", "lay_vector", "line_up"]
 

@@ -50,7 +50,7 @@ from symid.codegen.torque_routes import (
     build_torques_by_vectors,
 )
 from symid.codegen.workspace import Build, build_workspace, check_symbols
-from symid.dynamics.base import BaseParameters, find_base_parameters
+from symid.parameters.base import BaseParameters, find_base_parameters
 from symid.robot.description import Robot
 
 __all__ = ["ROUTES", "Choice", "RouteCount", "choose_route", "find_route_counts"]

@@ -15,11 +15,11 @@ from symid.algebra.scalar import spread_coordinates
 from symid.codegen.functions import FunctionSpec
 from symid.codegen.value_algebra import ValueAlgebra, build_value_state
 from symid.codegen.values import ValueTable
-from symid.dynamics.base import BaseParameters, Label
 from symid.dynamics.kinematics import Recursion, build_recursion
 from symid.dynamics.leaves import hold_leaves
 from symid.dynamics.origins import find_shifts, shift_origins, shift_parameters
 from symid.errors import Notice, RobotError
+from symid.parameters.base import BaseParameters, Label
 from symid.robot.description import Robot
 
 __all__ = ["Build", "Elements", "Workspace", "build_workspace", "check_symbols"]

@@ -11,9 +11,12 @@ PACKAGE = PROJECT / "symid"
 ROOMS = (
     "kernel",
     "robot",
+    "formats",
     "algebra",
     "joint",
     "dynamics",
+    "parameters",
+    "teaching",
     "codegen",
     "data",
     "excitation",
@@ -26,7 +29,7 @@ MODULES = tuple(sorted(path for path in PACKAGE.rglob("*.py") if "_data" not in 
 LONGEST_MODULE = 400
 LONGEST_FUNCTION = 60
 # Identification runs on a machine without SymPy; these rooms must not need it to be imported.
-WITHOUT_SYMBOLS = ("robot", "data", "excitation", "simulation", "identification", "report")
+WITHOUT_SYMBOLS = ("robot", "formats", "data", "excitation", "simulation", "identification", "report")
 LIGHT_MODULES = frozenset({"symid.codegen.functions", "symid.codegen.library", "symid.codegen.cache"})
 SYMBOLIC = frozenset({"sympy", "casadi"})
 

@@ -88,7 +88,8 @@ def test_help_loads_no_heavy_package():
 
 
 LIGHT = (
-    "robot.toml",
+    "formats.toml",
+    "formats.urdf",
     "codegen.library",
     "codegen.cache",
     "simulation.experiment",

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from symid.cli.main import run
-from symid.robot.toml import read_robot
+from symid.formats.toml import read_robot
 
 TABLE = "joint,alpha,a,d,theta\nshoulder,0,0,0,q\nelbow,0,0.5,0,q\n"
 URDF = """<robot name="arm">

@@ -7,7 +7,7 @@ import pytest
 from symid.codegen.catalogue import find_robot_specs
 from symid.codegen.instructions import Op
 from symid.codegen.routes import choose_route
-from symid.dynamics.base import find_base_parameters
+from symid.parameters.base import find_base_parameters
 from tests.chains import LWR4, PANDA, PUMA560, TWO_LINK, run_program
 
 RULES = {

@@ -11,12 +11,12 @@ from sympy import QQ, Matrix
 
 from symid.algebra.elimination import reduce_rows
 from symid.algebra.floats import FloatAlgebra, build_float_state
-from symid.dynamics.base import find_base_parameters
 from symid.dynamics.kinematics import build_recursion
 from symid.dynamics.lagrange import derive_energy
 from symid.dynamics.regressors import find_torque_columns
 from symid.joint.friction import FRICTION_MODELS
 from symid.notation import INERTIAL
+from symid.parameters.base import find_base_parameters
 from symid.robot.description import FrictionKind
 from symid.robot.geometry import ONE, ZERO, Exact
 from tests.chains import (

@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from symid.dynamics.base import find_base_parameters
 from symid.dynamics.lagrange import derive_energy
+from symid.parameters.base import find_base_parameters
 from symid.robot.description import Coupling, Drive, FrictionKind, FrictionValues, JointKind, Mimic, Spring
 from symid.robot.geometry import ZERO, Exact, compose_placements, find_angle, place_modified_dh
 from tests.chains import (

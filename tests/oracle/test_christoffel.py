@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 
 from symid.codegen.catalogue import find_robot_specs
-from symid.dynamics.base import find_base_parameters
+from symid.parameters.base import find_base_parameters
 from tests.chains import PANDA, PUMA560, STANFORD, TWO_LINK, build_route_programs, run_program, trees
 
 STEP = 1e-5

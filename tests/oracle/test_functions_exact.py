@@ -9,10 +9,10 @@ from sympy import QQ
 from symid.algebra.exact import find_domain
 from symid.algebra.points import PointAlgebra, build_point_state
 from symid.codegen.casadi_functions import build_functions
-from symid.dynamics.base import find_base_parameters
 from symid.dynamics.kinematics import build_recursion
 from symid.dynamics.lagrange import derive_energy, evaluate_torque_columns
 from symid.dynamics.regressors import find_lagrange_columns, find_momentum_columns
+from symid.parameters.base import find_base_parameters
 from tests.chains import PANDA, PUMA560, STANFORD, TWO_LINK, draw_rational_state, trees
 
 NAMES = (

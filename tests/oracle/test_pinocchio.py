@@ -7,12 +7,12 @@ from hypothesis import given, settings
 
 from symid.algebra.floats import FloatAlgebra, build_float_state
 from symid.codegen.casadi_functions import build_functions
-from symid.dynamics.base import find_base_parameters
 from symid.dynamics.energy import find_energy_rows
 from symid.dynamics.kinematics import build_recursion
 from symid.dynamics.lagrange import derive_energy, evaluate_torque_columns
 from symid.dynamics.regressors import find_torque_columns
 from symid.notation import INERTIAL
+from symid.parameters.base import find_base_parameters
 from tests.chains import (
     PANDA,
     PUMA560,

@@ -13,8 +13,8 @@ import pinocchio as pin
 import pytest
 
 from symid.cli.main import run
-from symid.dynamics.base import find_base_parameters
-from symid.robot.toml import read_robot
+from symid.formats.toml import read_robot
+from symid.parameters.base import find_base_parameters
 from tests.chains import build_pinocchio, draw_parameters, order_regressor
 
 # Base parameters of links and rotors, and of friction.

@@ -22,8 +22,8 @@ and MY are left, MX and MY unless that axis is parallel to gravity.
 import pytest
 from sympy import Rational, Symbol, cos, expand, pi, sin, sympify
 
-from symid.dynamics.base import find_base_parameters
 from symid.notation import INERTIAL
+from symid.parameters.base import find_base_parameters
 from tests.chains import PANDA, PI, PUMA560, build_chain
 
 VERTICAL, LYING = ("0", "0", "-9.81"), ("0", "-9.81", "0")

@@ -14,10 +14,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from symid.dynamics.base import find_base_parameters
 from symid.errors import RobotError
-from symid.robot.urdf import read_urdf
-from symid.robot.urdf_writer import write_urdf
+from symid.formats.urdf import read_urdf
+from symid.formats.urdf_writer import write_urdf
+from symid.parameters.base import find_base_parameters
 from tests.urdfs import (
     find_factors,
     find_largest_gap,

@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 
 from symid.algebra.floats import FloatAlgebra, build_float_state
 from symid.codegen.casadi_functions import build_functions
-from symid.dynamics.base import build_standard_parameters, find_base_parameters
 from symid.dynamics.composite import find_mass_matrix
 from symid.dynamics.drives import find_drive_energy, list_drive_parameters
 from symid.dynamics.energy import find_energy_rows
@@ -28,6 +27,7 @@ from symid.dynamics.regressors import (
     find_torque_columns,
 )
 from symid.notation import INERTIAL
+from symid.parameters.base import build_standard_parameters, find_base_parameters
 from symid.robot.description import Mimic
 from symid.robot.geometry import ONE, ZERO, Angle, Exact, Placement, compose_placements, rotate_z, translate
 from symid.robot.inertia import move_parameters

@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from symid.errors import RobotError
-from symid.robot.positions import find_places
-from symid.robot.toml import parse_robot
+from symid.formats.positions import find_places
+from symid.formats.toml import parse_robot
 
 TEXT = """name = "arm"
 description = "d"

@@ -5,7 +5,7 @@ import tomllib
 from hypothesis import given
 from hypothesis import strategies as st
 
-from symid.robot.positions import find_places
+from symid.formats.positions import find_places
 
 BARE_KEYS = st.from_regex(r"[A-Za-z0-9_-]{1,6}", fullmatch=True)
 QUOTED_KEYS = st.sampled_from(['"a.b"', "'c # d'", '"e\\"]f"', "'='", '"\\u00e9"', '""'])

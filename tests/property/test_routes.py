@@ -9,8 +9,8 @@ from hypothesis import given, settings
 
 from symid.codegen.catalogue import find_robot_specs, find_specs
 from symid.codegen.routes import ROUTES, choose_route, find_route_counts
-from symid.dynamics.base import find_base_parameters
 from symid.notation import INERTIAL
+from symid.parameters.base import find_base_parameters
 from symid.robot.description import Drive
 from tests.chains import (
     PANDA,

@@ -7,6 +7,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from symid.formats.joint_friction import FRICTION_PARAMETERS
+from symid.formats.toml import parse_robot
+from symid.formats.writer import write_robot
 from symid.robot.description import (
     Coupling,
     Drive,
@@ -30,7 +33,6 @@ from symid.robot.geometry import (
     rotate_x,
     rotate_z,
 )
-from symid.robot.joint_friction import FRICTION_PARAMETERS
 from symid.robot.log_map import Decimation, LogMap, LogQuantity, Processing
 from symid.robot.rotations import (
     find_quaternion,
@@ -40,8 +42,6 @@ from symid.robot.rotations import (
     rotate_rpy,
     rotate_y,
 )
-from symid.robot.toml import parse_robot
-from symid.robot.writer import write_robot
 
 FRACTIONS = st.fractions(-3, 3, max_denominator=1000)
 NUMBERS = st.floats(-100, 100, allow_nan=False).filter(lambda x: x == 0 or abs(x) > 1e-20)

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from symid.codegen.cache import prepare_library
-from symid.robot.toml import read_robot
+from symid.formats.toml import read_robot
 
 SCRIPT = """
 import json, sys
@@ -29,7 +29,7 @@ from symid.identification.storage import write_estimate
 from symid.identification.validate import validate_estimate
 from symid.report.identification import write_report
 from symid.robot.log_map import Processing
-from symid.robot.toml import read_robot
+from symid.formats.toml import read_robot
 from tests.recovery.closed_form import sample_states
 
 library = prepare_library(read_robot(Path(sys.argv[1])))

@@ -17,9 +17,9 @@ from symid.codegen.cache import find_cache_folder, find_library_key, prepare_lib
 from symid.codegen.cache_folder import make_temporary_folder
 from symid.codegen.compiler import Compiler, compile_sources, find_compiler
 from symid.errors import GenerationError, OutputError
+from symid.formats.toml import read_robot
 from symid.robot.description import Limits
 from symid.robot.log_map import Processing
-from symid.robot.toml import read_robot
 
 NAMES = ("mass_matrix", "friction")
 
@@ -95,7 +95,7 @@ import sys
 import tempfile
 from pathlib import Path
 from symid.codegen.cache import prepare_library
-from symid.robot.toml import read_robot
+from symid.formats.toml import read_robot
 library = prepare_library(read_robot(Path(sys.argv[1])), names=("mass_matrix",), cache=Path(sys.argv[2]))
 print(library.evaluate("mass_matrix", [0.0], [3.0])[0][0, 0])
 print(sorted({"sympy", "casadi", "jinja2", "mpmath"} & set(sys.modules)))

@@ -12,7 +12,7 @@ from symid.codegen.options import GenerateOptions
 from symid.codegen.python_module import generate_python_module
 from symid.codegen.writer import write_sources
 from symid.errors import GenerationError, UsageError
-from symid.robot.toml import read_robot
+from symid.formats.toml import read_robot
 
 NAMES = ("gravity", "mass_matrix")
 

@@ -11,7 +11,7 @@ from symid.codegen.casadi_functions import Functions, build_functions
 from symid.codegen.names import clean_text, find_prefix
 from symid.codegen.python_module import generate_python_module
 from symid.codegen.writer import write_sources
-from symid.robot.toml import read_robot
+from symid.formats.toml import read_robot
 
 WORST = 'a*/ int bad; /*"""\\\n#error `b` ??/\x00\u202e$@x@ "'
 

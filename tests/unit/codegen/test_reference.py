@@ -13,7 +13,7 @@ from symid.codegen.functions import FunctionSpec, JointCard, Port
 from symid.codegen.python_module import generate_python_module
 from symid.codegen.writer import write_sources
 from symid.errors import GenerationError
-from symid.robot.toml import read_robot
+from symid.formats.toml import read_robot
 
 
 @pytest.fixture(scope="module")

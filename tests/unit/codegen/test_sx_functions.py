@@ -10,7 +10,7 @@ from symid.codegen.program import build_program
 from symid.codegen.routes import choose_route
 from symid.codegen.sx_functions import build_function
 from symid.codegen.values import ValueTable
-from symid.dynamics.base import find_base_parameters
+from symid.parameters.base import find_base_parameters
 from symid.robot.description import FrictionKind
 from tests.chains import PANDA, PUMA560, STANFORD, TWO_LINK, build_chain, run_program
 

@@ -8,9 +8,9 @@ from scipy.io import savemat
 
 from symid.data.readers import read_recording
 from symid.errors import LogError
+from symid.formats.toml import read_robot
 from symid.robot.description import Drive, JointKind, Robot
 from symid.robot.log_map import Decimation, Processing
-from symid.robot.toml import read_robot
 
 P = JointKind.PRISMATIC
 

@@ -9,7 +9,9 @@ import pytest
 from symid.codegen.casadi_functions import build_functions
 from symid.codegen.instructions import count_operations
 from symid.codegen.program import build_program
-from symid.dynamics.base import find_base_parameters
+from symid.formats.urdf import parse_urdf
+from symid.formats.urdf_writer import write_urdf
+from symid.parameters.base import find_base_parameters
 from symid.robot.axis_frames import invert_placement
 from symid.robot.geometry import (
     IDENTITY,
@@ -21,8 +23,6 @@ from symid.robot.geometry import (
     translate,
 )
 from symid.robot.reframing import reframe_joints
-from symid.robot.urdf import parse_urdf
-from symid.robot.urdf_writer import write_urdf
 from tests.chains import build_chain, build_joint, build_pinocchio, draw_parameters
 from tests.urdfs import AXES, is_orthogonal, shift_z, write_odd_urdf
 

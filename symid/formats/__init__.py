@@ -1,0 +1,1 @@
+"""How robots are written: files in and out."""

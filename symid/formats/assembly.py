@@ -1,0 +1,144 @@
+"""A robot from the values of its file.
+
+Input: the values, by name, and where each stands; a TOML file has them, and a table of rows gives them.
+Output: `Robot`, or one `RobotError` with all that is wrong, each with its place.
+
+Supported: the keys of the commented file in the documentation.
+Not supported: guesses. A convention, a joint's kind, gravity and units must be written.
+"""
+
+import re
+from pathlib import Path
+
+from symid.errors import RobotError
+from symid.formats.forms import Symbols, read_form
+from symid.formats.joints import read_joints
+from symid.formats.section import (
+    Section,
+    read_choice,
+    read_number,
+    read_table,
+    read_text,
+    refuse_unknown_keys,
+)
+from symid.formats.settings import read_log, read_processing
+from symid.notation import INERTIAL
+from symid.robot.description import Robot
+from symid.robot.geometry import ZERO, Exact
+
+__all__ = ["CONVENTIONS", "build_robot"]
+
+CONVENTIONS = ("modified", "standard", "origin")
+_KEYS = (
+    "name",
+    "description",
+    "source",
+    "convention",
+    "gravity",
+    "symbols",
+    "joint",
+    "coupling",
+    "log",
+    "processing",
+)
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+# Letters of coordinates, functions and parameters would read as something else in a formula.
+_RESERVED = re.compile(
+    rf"(?:pi|tau|theta|sqrt|atan|[sc]\d+|d{{0,2}}q\d*|(?:{'|'.join((*INERTIAL, 'IA', 'KS', 'KR'))})R?\d+)"
+)
+
+
+def build_robot(root: Section, file: str) -> Robot:
+    """Return the robot that the values of a whole file describe.
+
+    Args:
+        root: the values, with the report that gathers what is wrong.
+        file: the path or name of the file.
+
+    Raises:
+        RobotError: with a notice for each mistake, in the order of their places.
+    """
+    refuse_unknown_keys(root, _KEYS)
+    convention = _read_convention(root)
+    symbols = _read_symbols(root)
+    mechanism = read_joints(root, convention, symbols)
+    gravity = _read_gravity(root, symbols)
+    log = read_log(root, mechanism.joints)
+    name = _read_name(root, Path(file).stem)
+    texts = {key: read_text(root, key) or "" for key in ("description", "source")}
+    processing = read_processing(root)
+    if root.report.errors:
+        raise RobotError(*root.report.notices())
+    _warn_of_unused_symbols(root, symbols)
+    return Robot(
+        name=name,
+        description=texts["description"],
+        source=texts["source"],
+        convention=convention,
+        gravity=gravity,
+        symbols=tuple(sorted(symbols.values.items())),
+        joints=mechanism.joints,
+        couplings=mechanism.couplings,
+        log=log,
+        processing=processing,
+        path=file,
+        notices=root.report.remarks(),
+    )
+
+
+def _read_name(root: Section, stem: str) -> str:
+    name = read_text(root, "name")
+    if name is not None and not _NAME.fullmatch(name):
+        text = (
+            f"{root.show('name')} cannot name generated functions; use letters, digits and _, a letter first"
+        )
+        root.refuse("robot.bad-name", "name", text)
+    return name or re.sub(r"\W|^(?=\d)", "_", stem)
+
+
+def _read_convention(root: Section) -> str:
+    if "convention" not in root.values:
+        text = (
+            'missing, and never guessed; write convention = "modified" (alpha and a belong to the link '
+            'before: Craig, Khalil), convention = "standard" (to the joint\'s own link: classic DH) or '
+            'convention = "origin" (frames as in URDF)'
+        )
+        root.refuse_key("robot.missing-key", "convention", text)
+    return read_choice(root, "convention", CONVENTIONS) or "modified"
+
+
+def _read_gravity(root: Section, symbols: Symbols) -> tuple[Exact, Exact, Exact]:
+    value = root.values.get("gravity")
+    if value is None:
+        text = "missing; write gravity = [0, 0, -9.81], the vector in the base frame in m/s^2"
+        root.refuse_key("robot.missing-key", "gravity", text)
+        return (ZERO, ZERO, ZERO)
+    if not isinstance(value, list) or len(value) != 3:
+        found = f"a list of {len(value)}" if isinstance(value, list) else root.show("gravity")
+        text = f"expected a list of 3 numbers in m/s^2, got {found}"
+        root.refuse("robot.wrong-type", "gravity", text)
+        return (ZERO, ZERO, ZERO)
+    x, y, z = (read_form(root, "gravity", symbols, "m/s^2", index) or ZERO for index in range(3))
+    return (x, y, z)
+
+
+def _read_symbols(root: Section) -> Symbols:
+    table = read_table(root, "symbols")
+    if table is None:
+        return Symbols({})
+    values: dict[str, float] = {}
+    for name in table.values:
+        if not _NAME.fullmatch(name) or _RESERVED.fullmatch(name):
+            text = (
+                "cannot name a symbol; use letters, digits and _, and no letter of a coordinate or parameter"
+            )
+            table.refuse_key("robot.bad-name", name, text)
+        values[name] = float(read_number(table, name, "") or 0)
+    return Symbols(values)
+
+
+def _warn_of_unused_symbols(root: Section, symbols: Symbols) -> None:
+    section = Section(values=symbols.values, path=("symbols",), report=root.report, label="symbols")
+    for name in symbols.values:
+        if name not in symbols.units:
+            section.warn("robot.unused-symbol", name, "nothing in the file uses this symbol")

@@ -1,0 +1,92 @@
+"""Gears and rotors out of the `<transmission>` elements of a URDF.
+
+Input: the transmissions. Output: a `Drive` by joint name.
+
+Supported: one actuator on one joint, the reduction at the actuator, at the joint or at the transmission
+itself; rotor inertia at the actuator, on the motor side. It is multiplied by the square of the reduction.
+Not supported: transmissions between several joints and actuators; they are listed as not used.
+"""
+
+from collections.abc import Mapping
+from decimal import Decimal
+
+from symid.formats.urdf_elements import Element
+from symid.formats.urdf_joints import UrdfJoint
+from symid.formats.urdf_values import Reading, read_decimal, read_name
+from symid.robot.description import Drive
+
+__all__ = ["read_drives"]
+
+_REDUCTIONS = ("mechanicalReduction", "mechanical_reduction", "drake:gear_ratio")
+_ROTORS = ("motorInertia", "motor_inertia", "rotorInertia", "rotor_inertia", "drake:rotor_inertia")
+_KNOWN = ("type", "joint", "actuator", *_REDUCTIONS)
+# What says how a controller talks to the joint, and nothing about the mechanics.
+_SILENT = ("hardwareInterface", "role")
+
+
+def read_drives(reading: Reading, joints: Mapping[str, UrdfJoint]) -> dict[str, Drive]:
+    """Return the drives by the name of their joint.
+
+    Args:
+        reading: where mistakes go.
+        joints: the joints of the file by name.
+    """
+    drives: dict[str, Drive] = {}
+    seen: dict[str, Element] = {}
+    for element in reading.document.root.find_all("transmission"):
+        ends = [element.find(tag) for tag in ("joint", "actuator")]
+        joint, actuator = ends
+        alone = all(len(list(element.find_all(tag))) == 1 for tag in ("joint", "actuator"))
+        if joint is None or actuator is None or not alone:
+            reading.skip("<transmission> that is not one actuator on one joint", element)
+            continue
+        owner = f"transmission '{element.attributes.get('name', '')}'"
+        for part, known in ((element, _KNOWN), (joint, _REDUCTIONS), (actuator, (*_REDUCTIONS, *_ROTORS))):
+            reading.skip_others(part, (*known, *_SILENT), ("name", "type"))
+        name = read_name(reading, owner, joint, "name")
+        if name is not None and (name not in joints or not joints[name].moves):
+            reading.skip("<transmission> of a joint that is fixed, or not in the file", element)
+            continue
+        drive = _read_drive(reading, owner, (actuator, joint, element))
+        if name is None or drive is None:
+            continue
+        if name in seen:
+            line = reading.document.find_place(seen[name]).line
+            text = f"{owner}: joint '{name}' has the transmission of line {line} already; keep one of them"
+            reading.refuse("robot.two-forms", text, element)
+            continue
+        seen[name] = element
+        drives[name] = drive
+    return drives
+
+
+def _read_drive(reading: Reading, owner: str, parts: tuple[Element, Element, Element]) -> Drive | None:
+    found = [(part, child) for part in parts for child in part.find_all(*_REDUCTIONS)]
+    values = [value for _, child in found if (value := _read_number(reading, owner, child)) is not None]
+    if len(values) < len(found):
+        return None
+    if len(set(values)) > 1:
+        text = f"{owner}: two mechanical reductions that differ, {values[0]} and {values[1]}; keep one"
+        reading.refuse("robot.two-forms", text, found[1][1])
+        return None
+    if values and not values[0]:
+        text = f"{owner}: mechanicalReduction: must not be 0; it is the motor's turns per turn of the joint"
+        reading.refuse("robot.out-of-range", text, found[0][1])
+        return None
+    gear = float(values[0]) if values else 1.0
+    rotor = parts[0].find(*_ROTORS)
+    inertia = _read_number(reading, owner, rotor) if rotor is not None else None
+    if rotor is not None and inertia is not None and inertia < Decimal(0):
+        text = f"{owner}: {rotor.tag}: must be at least 0 kg*m^2, got {inertia}"
+        reading.refuse("robot.out-of-range", text, rotor)
+        return None
+    return Drive(
+        gear=gear,
+        has_rotor=rotor is not None,
+        rotor_inertia=None if inertia is None else float(inertia) * gear**2,
+    )
+
+
+def _read_number(reading: Reading, owner: str, element: Element) -> Decimal | None:
+    """Return the number between the tags, or that of the attribute `value`."""
+    return read_decimal(reading, owner, element, "value" if "value" in element.attributes else "")

@@ -1,0 +1,53 @@
+"""Robot files by path, in ./robots, and among those that come with symid."""
+
+import pytest
+
+from symid.errors import UsageError
+from symid.formats.locate import find_robot_file, list_robots
+
+
+def test_names_are_found_from_any_folder(tmp_path, monkeypatch, robots_folder):
+    monkeypatch.chdir(tmp_path)
+    assert find_robot_file("emps").samefile(robots_folder / "emps.toml")
+    assert find_robot_file("emps.toml").samefile(robots_folder / "emps.toml")
+    assert {"emps", "two_link", "puma560", "panda"} <= set(list_robots())
+
+
+def test_the_folder_at_hand_comes_first(tmp_path, monkeypatch):
+    (tmp_path / "robots").mkdir()
+    for name in ("emps", "mine"):
+        (tmp_path / "robots" / f"{name}.toml").touch()
+    monkeypatch.chdir(tmp_path)
+    assert find_robot_file("emps").samefile(tmp_path / "robots" / "emps.toml")
+    assert "mine" in list_robots()
+    assert list(list_robots()) == sorted(set(list_robots()))
+
+
+def test_a_path_is_taken_as_it_is(tmp_path):
+    path = tmp_path / "arm.toml"
+    path.touch()
+    assert find_robot_file(str(path)) == path
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("two_lnk", "did you mean two_link"),
+        ("PANDA", "did you mean panda?"),
+        ("xyz", "known are emps, "),
+    ],
+)
+def test_an_unknown_name_gets_the_nearest_names(tmp_path, monkeypatch, name, words):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UsageError) as caught:
+        find_robot_file(name)
+    assert caught.value.notices[0].code == "usage.unknown-robot"
+    assert words in str(caught.value)
+
+
+def test_an_unknown_path_gets_its_neighbours(tmp_path):
+    (tmp_path / "arm.toml").touch()
+    with pytest.raises(UsageError, match=r"did you mean .*arm\.toml\?"):
+        find_robot_file(str(tmp_path / "amr.toml"))
+    with pytest.raises(UsageError, match="is a folder"):
+        find_robot_file(str(tmp_path))

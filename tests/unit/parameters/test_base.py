@@ -1,0 +1,93 @@
+"""Base sets by form, null space, standard parameters, names of coupled drives and springs."""
+
+from dataclasses import replace
+from fractions import Fraction
+
+import pytest
+
+from symid.parameters.base import FORMS, build_standard_parameters, find_base_parameters
+from symid.robot.description import Coupling, FrictionKind, FrictionValues, Mimic, Spring
+from tests.chains import PANDA, PI, PUMA560, TWO_LINK, build_chain
+
+
+@pytest.mark.parametrize(
+    ("robot", "counts"),
+    [(TWO_LINK, (6, 6, 4, 4)), (PUMA560, (36, 36, 34, 10)), (PANDA, (43, 43, 39, 12))],
+    ids=lambda value: getattr(value, "name", ""),
+)
+def test_counts_by_form(robot, counts):
+    assert tuple(find_base_parameters(robot, form=form).count for form in FORMS) == counts
+
+
+def test_other_forms_are_refused():
+    with pytest.raises(ValueError, match="there is no form 'power'; allowed are torque"):
+        find_base_parameters(TWO_LINK, form="power")
+
+
+def test_a_form_without_motion_says_so():
+    reasons = {
+        entry.name: entry.reason for entry in find_base_parameters(TWO_LINK, form="gravity").eliminated
+    }
+    assert reasons["ZZ2"] == "no effect: link 2 turns about its z axis only, and no torque at rest shows it"
+    reasons = {
+        entry.name: entry.reason for entry in find_base_parameters(TWO_LINK, form="momentum").eliminated
+    }
+    assert reasons["MX1"].endswith("and no momentum shows it")
+
+
+@pytest.mark.parametrize("robot", [TWO_LINK, PUMA560, PANDA], ids=lambda robot: robot.name)
+def test_the_null_space_is_all_that_the_grouping_loses(robot):
+    base = find_base_parameters(robot)
+    assert len(base.null_space) == len(base.labels) - base.count
+    for change in base.null_space:
+        moved = dict(change)
+        for parameter in base.parameters:
+            assert sum(value * moved.get(label, 0) for label, value in parameter.terms) == 0
+
+
+def test_standard_parameters_stand_for_themselves():
+    base = build_standard_parameters(build_chain([(0.0, 0, 0, "q")] * 2, rotors=True))
+    assert base.vector == "pi"
+    assert [parameter.name for parameter in base.parameters][9:12] == ["M1", "IA1", "XX2"]
+    assert base.count == 22
+
+
+def test_a_coupled_drive_has_parameters_of_its_own_name():
+    friction = FrictionValues(kind=FrictionKind.VISCOUS_COULOMB)
+    coupling = Coupling(
+        name="m2", terms=((0, Fraction(1)), (1, Fraction(1))), has_rotor=True, friction=friction
+    )
+    robot = replace(build_chain([(0.0, 0, 0, "q"), (PI / 2, 0, 0, "q")], rotors=True), couplings=(coupling,))
+    base = find_base_parameters(robot)
+    reasons = {parameter.name: parameter.reason for parameter in (*base.parameters, *base.friction)}
+    assert reasons["IAm2"].startswith("drive m2 turns with joints 1, 2")
+    assert reasons["Fvm2"] == "friction of drive m2, felt at all of its joints"
+
+
+def test_the_friction_of_a_follower_adds_to_its_masters():
+    robot = build_chain([(0.0, 0, 0, "q"), (PI / 2, 0, 0, "q")], friction=FrictionKind.VISCOUS_COULOMB)
+    joints = (robot.joints[0], replace(robot.joints[1], mimic=Mimic(master=0, multiplier=Fraction(-2))))
+    base = find_base_parameters(replace(robot, joints=joints))
+    # Fv acts through the ratio twice, Fc once, whatever its sign.
+    assert [entry.expression for entry in base.friction] == ["Fv1 + 4*Fv2", "Fc1 + 2*Fc2"]
+    reasons = {entry.name: entry.reason for entry in base.eliminated}
+    assert reasons["Fv2"].endswith("it acts on the same coordinate, in proportion to the same function")
+    assert "moves only together with the joint that it follows" in " ".join(reasons.values())
+
+
+def test_springs_show_and_their_preload_joins_an_offset():
+    robot = build_chain([(0.0, 0, 0, "q")], friction=FrictionKind.VISCOUS_COULOMB_OFFSET)
+    sprung = replace(robot, joints=(replace(robot.joints[0], spring=Spring()),))
+    base = find_base_parameters(sprung)
+    names = {parameter.name: parameter for parameter in base.parameters}
+    assert names["KS1"].reason == "spring of joint 1, felt at this joint alone"
+    assert names["KRR1"].expression == "KR1 + offset1"
+
+
+def test_an_offset_shared_by_a_coupled_drive_is_explained():
+    friction = FrictionValues(kind=FrictionKind.VISCOUS_COULOMB_OFFSET)
+    robot = build_chain([(0.0, 0, 0, "q")] * 2, friction=FrictionKind.VISCOUS_COULOMB_OFFSET)
+    coupling = Coupling(name="m", terms=((0, Fraction(1)), (1, Fraction(1))), friction=friction)
+    base = find_base_parameters(replace(robot, couplings=(coupling,)))
+    reasons = {entry.name: entry.reason for entry in base.eliminated}
+    assert reasons["offsetm"].startswith("grouped into offsetR1, offsetR2: it holds a constant torque")
