@@ -2,9 +2,9 @@
 
 import pytest
 
-from symid.teaching import lesson
 from symid.errors import SymidError
 from symid.robot.description import FrictionKind
+from symid.teaching import lesson
 from symid.teaching.lesson import derive_lesson
 from tests.chains import PANDA, TWO_LINK, build_chain
 
