@@ -10,9 +10,10 @@ with exact frequencies w, the sums of the multipliers.
 Supported: any multipliers, revolute and prismatic joints on one coordinate.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from typing import Any
 
 from sympy import QQ
@@ -110,15 +111,16 @@ def _multiply(wave: _Wave, frequency: Fraction, *, sine: bool) -> _Wave:
     return {key: amplitude for key, amplitude in result.items() if amplitude}
 
 
+@lru_cache(maxsize=4096)
 def _list_parts(
-    factors: Sequence[tuple[_Generator, int]], *, shared: bool
-) -> Iterator[tuple[Part, Fraction]]:
+    factors: tuple[tuple[_Generator, int], ...],
+    shared: bool,  # noqa: FBT001  a cached function is called by position
+) -> tuple[tuple[Part, Fraction], ...]:
     """Return the functions of one coordinate that a product of its generators is the sum of."""
     if not shared:
         exponents = {generator.kind: exponent for generator, exponent in factors}
         a, b, e = (exponents.get(kind, 0) for kind in ("s", "c", "q"))
-        yield (Fraction(a), Fraction(b), e), Fraction(1)
-        return
+        return (((Fraction(a), Fraction(b), e), Fraction(1)),)
     wave: _Wave = {(Fraction(0), False): Fraction(1)}
     power, scale = 0, Fraction(1)
     for generator, exponent in factors:
@@ -128,8 +130,9 @@ def _list_parts(
             continue
         for _ in range(exponent):
             wave = _multiply(wave, generator.multiplier, sine=generator.kind == "s")
-    for (frequency, odd), amplitude in wave.items():
-        yield (frequency, Fraction(odd), power), scale * amplitude
+    return tuple(
+        ((frequency, Fraction(odd), power), scale * amplitude) for (frequency, odd), amplitude in wave.items()
+    )
 
 
 def _expand(basis: Basis, monomial: Sequence[int]) -> dict[Function, Fraction]:
@@ -147,7 +150,7 @@ def _expand(basis: Basis, monomial: Sequence[int]) -> dict[Function, Fraction]:
         total = {
             (*parts, part): value * share
             for parts, value in total.items()
-            for part, share in _list_parts(factors[position], shared=basis.shared[position])
+            for part, share in _list_parts(tuple(factors[position]), basis.shared[position])
         }
     return {(parts, tuple(rates)): value for parts, value in total.items()}
 
