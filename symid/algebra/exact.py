@@ -83,8 +83,9 @@ def _holds_root(domain: Domain, root: int) -> bool:
 
 def find_generators(field: Domain) -> dict[str, Any]:
     """Return the symbolic lengths of a field of rational functions; none for a field of numbers."""
-    names = (str(symbol) for symbol in getattr(field, "symbols", ()) or ())
-    return dict(zip(names, getattr(field, "gens", ()) or (), strict=False))
+    if not field.is_FractionField:
+        return {}
+    return dict(zip(map(str, field.symbols), field.gens, strict=True))
 
 
 def find_constant(value: Exact, domain: Domain, symbols: Mapping[str, Any]) -> Any:  # noqa: ANN401  as above

@@ -7,7 +7,7 @@ Supported: trees, joints that follow others, coupled drives, springs, friction; 
 that comes from gravity alone, or the momentum alone.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +20,7 @@ from symid.dynamics.labels import Label
 from symid.joint.friction_parts import find_constant_torques, find_friction_rows
 from symid.notation import INERTIAL
 from symid.parameters.blocks import Block, find_blocks
-from symid.parameters.transport import Transport, apply, find_field, find_transport
+from symid.parameters.transport import Linear, Transport, apply, find_field, find_transport
 from symid.parameters.visibility import Visible, find_columns, find_visible, find_visible_rows
 from symid.robot.description import Robot
 
@@ -38,19 +38,28 @@ class Shown:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Tree:
-    """A robot in blocks: the blocks, and the transport across each of them."""
+    """A robot in blocks: the blocks, the transport across each of them.
+
+    `carried` has, per link, the links of the blocks on it, and the constant part of what they become there.
+    """
 
     robot: Robot
     field: Domain
     blocks: tuple[Block, ...]
     transports: tuple[Transport, ...]
+    carried: Mapping[int, Sequence[tuple[int, Linear]]]
 
 
 def _build_tree(robot: Robot) -> _Tree:
     field = find_field(robot)
     blocks = find_blocks(robot)
     transports = tuple(find_transport(robot, block, field) for block in blocks)
-    return _Tree(robot=robot, field=field, blocks=blocks, transports=transports)
+    carried: dict[int, list[tuple[int, Linear]]] = {}
+    for block, transport in zip(blocks, transports, strict=True):
+        for link, split in zip(block.joints, transport.parameters, strict=True):
+            if transport.one in split:
+                carried.setdefault(block.base, []).append((link, split[transport.one]))
+    return _Tree(robot=robot, field=field, blocks=blocks, transports=transports, carried=carried)
 
 
 def _expand(tree: _Tree, link: int, row: Row) -> dict[Label, Any]:
@@ -60,13 +69,9 @@ def _expand(tree: _Tree, link: int, row: Row) -> dict[Label, Any]:
     while pending:
         current, part = pending.pop()
         result |= {(current, INERTIAL[column]): value for column, value in part.items()}
-        for block, transport in zip(tree.blocks, tree.transports, strict=True):
-            if block.base == current:
-                for position, child in enumerate(block.joints):
-                    matrix = transport.parameters[position].get(transport.one)
-                    moved = apply(part, matrix) if matrix else {}
-                    if moved:
-                        pending.append((child, moved))
+        for child, matrix in tree.carried.get(current, ()):
+            if moved := apply(part, matrix):
+                pending.append((child, moved))
     return result
 
 

@@ -10,84 +10,101 @@ with exact frequencies w, the sums of the multipliers.
 Supported: any multipliers, revolute and prismatic joints on one coordinate.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from fractions import Fraction
-from functools import lru_cache
 from typing import Any
 
 from sympy import QQ
 from sympy.polys.domains.domain import Domain
 from sympy.polys.rings import PolyElement
 
-from symid.algebra.exact import ExactAlgebra, find_generators, lift_number
+from symid.algebra.exact import ExactAlgebra, find_generators
 from symid.robot.description import Robot
 
 __all__ = ["Basis", "Function", "build_basis", "find_power", "split_polynomial"]
 
-Part = tuple[Fraction, Fraction, int]
-"""Function of one coordinate: for one joint (a, b, e) of s^a c^b q^e; for several (frequency, odd, e)."""
+Part = tuple[int, int, int]
+"""Function of one coordinate: for one joint (a, b, e) of s^a c^b q^e; for several (w, odd, e), with the
+frequency w in the coordinate's own unit."""
 Function = tuple[tuple[Part, ...], tuple[int, ...]]
 """A part for each coordinate, and the exponents of their velocities."""
 
-_Wave = dict[tuple[Fraction, bool], Fraction]
+_Wave = dict[tuple[int, bool], Fraction]
 """Amplitudes of cos(w q), sin(w q): {(w, whether sine): amplitude} with w >= 0."""
+_Shares = tuple[tuple[Function, Any], ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Generator:
-    """What a generator of the ring is: `kind` s, c, q of a joint, dq of a coordinate, or a symbol."""
+    """What a generator of the ring is: `kind` s, c, q of a joint, dq of a coordinate, or a symbol.
+
+    `frequency` is the joint's multiplier in the unit of its coordinate; symbols have the number of theirs in
+    the field as `coordinate`.
+    """
 
     kind: str
     coordinate: int
-    multiplier: Fraction
+    multiplier: Fraction = Fraction(1)
+    frequency: int = 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Basis:
-    """How the generators of a ring are read; `shared` says which coordinates move several joints."""
+    """How the generators of a ring are read; `shared` says which coordinates move several joints.
+
+    `memory` keeps what products of generators were found to be; polynomials hold the same ones many times.
+    """
 
     field: Domain
     domain: Domain
     generators: tuple[_Generator, ...]
-    symbols: tuple[Any, ...]
+    symbols: int
     shared: tuple[bool, ...]
+    memory: dict[tuple[int, ...], _Shares] = field(default_factory=dict, compare=False, repr=False)
 
 
 def build_basis(robot: Robot, algebra: ExactAlgebra, field: Domain) -> Basis:
     """Return the functions that polynomials of `algebra` are written in, coefficients in `field`."""
-    known = find_generators(field)
-    generators, symbols = [], []
+    known = list(find_generators(field))
+    rows = [row[0] for row in robot.transmission[: robot.size]]
+    units = [
+        math.lcm(*(factor.denominator for other, factor in rows if other == position))
+        for position in range(robot.freedom)
+    ]
+    generators = []
     for name in map(str, algebra.ring.symbols):
         kind = name.rstrip("0123456789")
         if name in known:
-            generators.append(_Generator(kind="symbol", coordinate=-1, multiplier=Fraction(1)))
-        else:
-            ((position, multiplier),) = robot.transmission[int(name[len(kind) :]) - 1]
-            generators.append(_Generator(kind=kind, coordinate=position, multiplier=multiplier))
-        symbols.append(known.get(name))
-    moved = [row[0][0] for row in robot.transmission[: robot.size]]
+            generators.append(_Generator(kind="symbol", coordinate=known.index(name)))
+            continue
+        position, multiplier = rows[int(name[len(kind) :]) - 1]
+        frequency = int(multiplier * units[position])
+        generators.append(
+            _Generator(kind=kind, coordinate=position, multiplier=multiplier, frequency=frequency)
+        )
+    moved = [position for position, _ in rows]
     return Basis(
         field=field,
         domain=algebra.ring.domain,
         generators=tuple(generators),
-        symbols=tuple(symbols),
+        symbols=len(known),
         shared=tuple(moved.count(position) > 1 for position in range(robot.freedom)),
     )
 
 
 def find_power(basis: Basis, coordinate: int = -1, exponent: int = 0) -> Function:
     """Return the function q^exponent of a coordinate; the constant function by default."""
-    zero = Fraction(0)
-    parts = [(zero, zero, exponent if position == coordinate else 0) for position in range(len(basis.shared))]
+    parts = [(0, 0, exponent if position == coordinate else 0) for position in range(len(basis.shared))]
     return tuple(parts), (0,) * len(basis.shared)
 
 
-def _multiply(wave: _Wave, frequency: Fraction, *, sine: bool) -> _Wave:
+def _multiply(wave: _Wave, frequency: int, *, sine: bool) -> _Wave:
     """Return the wave times cos(w q) or sin(w q), by the sums and differences of frequencies."""
     result: _Wave = {}
 
-    def put(w: Fraction, odd: bool, amplitude: Fraction) -> None:  # noqa: FBT001  an inner helper
+    def put(w: int, odd: bool, amplitude: Fraction) -> None:  # noqa: FBT001  an inner helper
         if odd and w < 0:
             amplitude = -amplitude
         if not (odd and w == 0):
@@ -111,17 +128,16 @@ def _multiply(wave: _Wave, frequency: Fraction, *, sine: bool) -> _Wave:
     return {key: amplitude for key, amplitude in result.items() if amplitude}
 
 
-@lru_cache(maxsize=4096)
 def _list_parts(
-    factors: tuple[tuple[_Generator, int], ...],
-    shared: bool,  # noqa: FBT001  a cached function is called by position
-) -> tuple[tuple[Part, Fraction], ...]:
+    factors: Sequence[tuple[_Generator, int]], *, shared: bool
+) -> Iterator[tuple[Part, Fraction]]:
     """Return the functions of one coordinate that a product of its generators is the sum of."""
     if not shared:
         exponents = {generator.kind: exponent for generator, exponent in factors}
         a, b, e = (exponents.get(kind, 0) for kind in ("s", "c", "q"))
-        return (((Fraction(a), Fraction(b), e), Fraction(1)),)
-    wave: _Wave = {(Fraction(0), False): Fraction(1)}
+        yield (a, b, e), Fraction(1)
+        return
+    wave: _Wave = {(0, False): Fraction(1)}
     power, scale = 0, Fraction(1)
     for generator, exponent in factors:
         if generator.kind == "q":
@@ -129,14 +145,15 @@ def _list_parts(
             scale *= generator.multiplier**exponent
             continue
         for _ in range(exponent):
-            wave = _multiply(wave, generator.multiplier, sine=generator.kind == "s")
-    return tuple(
-        ((frequency, Fraction(odd), power), scale * amplitude) for (frequency, odd), amplitude in wave.items()
-    )
+            wave = _multiply(wave, generator.frequency, sine=generator.kind == "s")
+    for (frequency, odd), amplitude in wave.items():
+        yield (frequency, int(odd), power), scale * amplitude
 
 
-def _expand(basis: Basis, monomial: Sequence[int]) -> dict[Function, Fraction]:
+def _expand(basis: Basis, monomial: tuple[int, ...]) -> _Shares:
     """Return a product of generators, symbols apart, in the functions of the basis."""
+    if monomial in basis.memory:
+        return basis.memory[monomial]
     coordinates = range(len(basis.shared))
     rates = [0] * len(basis.shared)
     factors: list[list[tuple[_Generator, int]]] = [[] for _ in coordinates]
@@ -145,26 +162,42 @@ def _expand(basis: Basis, monomial: Sequence[int]) -> dict[Function, Fraction]:
             rates[generator.coordinate] += exponent
         elif exponent and generator.kind != "symbol":
             factors[generator.coordinate].append((generator, exponent))
-    total: dict[tuple[Part, ...], Fraction] = {(): Fraction(1)}
+    total: list[tuple[tuple[Part, ...], Fraction]] = [((), Fraction(1))]
     for position in coordinates:
-        total = {
-            (*parts, part): value * share
-            for parts, value in total.items()
-            for part, share in _list_parts(tuple(factors[position]), basis.shared[position])
-        }
-    return {(parts, tuple(rates)): value for parts, value in total.items()}
+        total = [
+            ((*parts, part), value * share)
+            for part, share in _list_parts(factors[position], shared=basis.shared[position])
+            for parts, value in total
+        ]
+    convert, turning = basis.domain.convert, tuple(rates)
+    found = tuple(
+        ((parts, turning), convert(QQ(value.numerator, value.denominator))) for parts, value in total
+    )
+    basis.memory[monomial] = found
+    return found
 
 
 def split_polynomial(basis: Basis, polynomial: PolyElement) -> Mapping[Function, Any]:
     """Return the coefficients of `polynomial` over independent functions, as elements of the field."""
-    field = basis.field
-    result: dict[Function, Any] = {}
+    total: dict[Function, dict[tuple[int, ...], Any]] = {}
     for monomial, coefficient in polynomial.items():
-        value = lift_number(coefficient, basis.domain, field)
-        for symbol, exponent in zip(basis.symbols, monomial, strict=True):
-            if symbol is not None and exponent:
-                value *= symbol**exponent
-        for function, share in _expand(basis, monomial).items():
-            part = value if share == 1 else value * field.convert(QQ(share.numerator, share.denominator))
-            result[function] = result.get(function, field.zero) + part
-    return {function: value for function, value in result.items() if value}
+        powers = [0] * basis.symbols
+        if basis.symbols:
+            for generator, exponent in zip(basis.generators, monomial, strict=True):
+                if generator.kind == "symbol":
+                    powers[generator.coordinate] = exponent
+        key = tuple(powers)
+        for function, share in _expand(basis, monomial):
+            entry = total.setdefault(function, {})
+            entry[key] = entry.get(key, basis.domain.zero) + coefficient * share
+    kept = (
+        (function, {key: value for key, value in entry.items() if value}) for function, entry in total.items()
+    )
+    return {function: _gather(basis, entry) for function, entry in kept if entry}
+
+
+def _gather(basis: Basis, entry: Mapping[tuple[int, ...], Any]) -> Any:  # noqa: ANN401  an element of a SymPy field
+    """Return a polynomial in the symbols as an element of the field; sums in the field cancel every time."""
+    if not basis.symbols:
+        return entry[()]
+    return basis.field.new(basis.field.field.ring.from_dict(dict(entry)))
