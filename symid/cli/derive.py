@@ -75,7 +75,9 @@ def _show_counts(counts: Sequence["RouteCount"]) -> str:
 
 def _show_step(number: int, step: "Step", *, latex: bool) -> str:
     lines = [f"{number}. {step.title}", "", f"   {step.sentence}"]
-    lines += [f"     {entry.left} = {entry.latex if latex else entry.text}" for entry in step.formulas]
+    for entry in step.formulas:
+        left, right = (entry.left_latex, entry.latex) if latex else (entry.left, entry.text)
+        lines.append(f"     {left} = {right}")
     if step.check:
         lines += ["", f"   Checked: {step.check}"]
     return "\n".join(lines)

@@ -9,7 +9,7 @@ Supported: link, drive, spring and friction parameters.
 from symid.notation import find_unit
 from symid.robot.description import JointKind, Robot
 
-__all__ = ["Label", "find_label_unit", "find_owner", "write_label"]
+__all__ = ["Label", "find_label_unit", "find_owner", "is_prismatic", "write_label"]
 
 Label = tuple[int, str]
 """A standard parameter: index of its joint or coupling, name."""
@@ -30,6 +30,12 @@ def write_label(robot: Robot, label: Label, *, grouped: bool = False) -> str:
 
 def find_label_unit(robot: Robot, label: Label) -> str:
     """Return the SI unit of a parameter."""
-    index, name = label
-    joint = index if index < robot.size else robot.couplings[index - robot.size].terms[0][0]
-    return find_unit(name, prismatic=robot.joints[joint].kind is JointKind.PRISMATIC)
+    return find_unit(label[1], prismatic=is_prismatic(robot, label[0]))
+
+
+def is_prismatic(robot: Robot, index: int) -> bool:
+    """Return whether a joint slides, or a coupling turns with slides alone."""
+    if index < robot.size:
+        return robot.joints[index].kind is JointKind.PRISMATIC
+    terms = robot.couplings[index - robot.size].terms
+    return all(robot.joints[joint].kind is JointKind.PRISMATIC for joint, _ in terms)

@@ -43,16 +43,10 @@ class FrictionAlgebra(Protocol[V]):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionModel:
-    """A friction model: the names of its parameters (see `notation`) and their columns.
-
-    `constant` is the combination of parameters that makes a constant torque (empty: none does), which a
-    weight can make as well; `shows` the combinations that nothing but friction makes.
-    """
+    """A friction model: the names of its parameters (see `notation`) and their columns."""
 
     kind: FrictionKind
     parameters: tuple[str, ...]
-    shows: tuple[tuple[tuple[str, int], ...], ...]
-    constant: tuple[tuple[str, int], ...]
     columns: Callable[[FrictionAlgebra[V], V], tuple[V, ...]]
     formula: str
 
@@ -83,33 +77,24 @@ FRICTION_MODELS: dict[FrictionKind, FrictionModel] = {
         FrictionModel(
             kind=FrictionKind.NONE,
             parameters=(),
-            shows=(),
-            constant=(),
             columns=lambda _algebra, _velocity: (),
             formula="0",
         ),
         FrictionModel(
             kind=FrictionKind.VISCOUS_COULOMB,
             parameters=("Fv", "Fc"),
-            shows=((("Fv", 1),), (("Fc", 1),)),
-            constant=(),
             columns=_viscous_coulomb,
             formula="Fv dq + Fc sign(dq)",
         ),
         FrictionModel(
             kind=FrictionKind.VISCOUS_COULOMB_OFFSET,
             parameters=("Fv", "Fc", "offset"),
-            shows=((("Fv", 1),), (("Fc", 1),)),
-            constant=(("offset", 1),),
             columns=_with_offset,
             formula="Fv dq + Fc sign(dq) + offset",
         ),
         FrictionModel(
             kind=FrictionKind.ASYMMETRIC,
             parameters=("Fvp", "Fcp", "Fvn", "Fcn"),
-            # In motion Fcp and Fcn make (Fcp + Fcn)/2 sign(dq) + (Fcp - Fcn)/2.
-            shows=((("Fvp", 1),), (("Fvn", 1),), (("Fcp", 1), ("Fcn", 1))),
-            constant=(("Fcp", 1), ("Fcn", -1)),
             columns=_asymmetric,
             formula="Fvp dq + Fcp for dq > 0, Fvn dq - Fcn for dq < 0",
         ),

@@ -135,10 +135,10 @@ def _write_eliminated(
     labels: Sequence[Label], parameters: Sequence[BaseParameter], robot: Robot, shown: Shown, form: str
 ) -> Iterator[Eliminated]:
     kept = {parameter.label for parameter in parameters}
-    groups: Mapping[Label, list[tuple[str, Expr]]] = {label: [] for label in labels}
+    groups: Mapping[Label, list[tuple[str, Label]]] = {label: [] for label in labels}
     for parameter in parameters:
-        for label, value in parameter.terms:
-            groups[label].append((parameter.name, value))
+        for label, _ in parameter.terms:
+            groups[label].append((parameter.name, parameter.label))
     for label in labels:
         if label not in kept:
             reason = explain_elimination(robot, label, groups[label], _angular(shown, label), form)

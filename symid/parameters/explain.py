@@ -7,7 +7,8 @@ from collections.abc import Iterator, Sequence
 
 from sympy import Expr, Rational
 
-from symid.dynamics.labels import Label, write_label
+from symid.dynamics.labels import Label, is_prismatic, write_label
+from symid.notation import INERTIAL
 from symid.robot.description import JointKind, Robot
 
 __all__ = ["explain_elimination", "explain_grouping", "write_combination", "write_number"]
@@ -16,6 +17,7 @@ _LONGEST = 24
 _INERTIA = ("XX", "XY", "XZ", "YY", "YZ", "ZZ")
 _FRICTION = ("Fv", "Fc", "Fvp", "Fcp", "Fvn", "Fcn", "offset")
 _SPRING = ("KS", "KR")
+_CONSTANT = ("offset", "Fcp", "Fcn", "KR")
 _SHOWN = {
     "torque": "neither motion nor gravity",
     "energy": "neither kinetic nor potential energy",
@@ -63,11 +65,8 @@ def write_combination(terms: Sequence[tuple[str, Expr]]) -> str:
     return text
 
 
-def _describe_motion(robot: Robot, index: int, angular: Sequence[tuple[int, ...]]) -> str:
+def _describe_motion(index: int, angular: Sequence[tuple[int, ...]]) -> str:
     """Return how a link can turn, from the angular parts of its attainable velocities."""
-    if index >= robot.size:
-        joints = ", ".join(str(joint + 1) for joint, _ in robot.couplings[index - robot.size].terms)
-        return f"drive {robot.couplings[index - robot.size].name} turns with joints {joints}"
     turning = [row for row in angular if row]
     link = f"link {index + 1}"
     if not turning:
@@ -78,15 +77,31 @@ def _describe_motion(robot: Robot, index: int, angular: Sequence[tuple[int, ...]
     return f"{link} can turn about {'any axis' if len(turning) > 2 else 'two axes'} of its frame"
 
 
-def _describe_drive(robot: Robot, label: Label) -> str:
-    """Return what a friction or spring parameter is."""
+def _describe(robot: Robot, label: Label, angular: Sequence[tuple[int, ...]]) -> str:
+    """Return what a parameter belongs to: a link and how it turns, or a rotor, a spring, friction."""
     index, name = label
-    kind = "spring" if name in _SPRING else "friction"
+    if name in INERTIAL:
+        return _describe_motion(index, angular)
+    kind = "rotor" if name == "IA" else "spring" if name in _SPRING else "friction"
+    if index < robot.size:
+        return f"{kind} of joint {index + 1}"
+    drive = robot.couplings[index - robot.size]
+    if not robot.transmission[index]:
+        return f"{kind} of drive {drive.name}, which stands still: its factors cancel"
+    joints = ", ".join(str(joint + 1) for joint, _ in drive.terms)
+    return f"{kind} of drive {drive.name}, which turns with joints {joints}"
+
+
+def _describe_place(robot: Robot, label: Label) -> str:
+    """Return where a parameter without others in its group is felt."""
+    index, name = label
+    if name in (*INERTIAL, "IA"):
+        return "no other parameter has the same effect"
     if index >= robot.size:
-        return f"{kind} of drive {robot.couplings[index - robot.size].name}, felt at all of its joints"
+        return "felt at all of them"
     if robot.joints[index].mimic is not None:
-        return f"{kind} of joint {index + 1}, felt at the joint that it follows"
-    return f"{kind} of joint {index + 1}, felt at this joint alone"
+        return "felt at the joint that it follows"
+    return "felt at this joint alone"
 
 
 def explain_grouping(
@@ -100,31 +115,31 @@ def explain_grouping(
         members: the other members of its group.
         angular: angular components of each attainable velocity of the link.
     """
-    own = label[1] in _FRICTION or label[1] in _SPRING
-    motion = _describe_drive(robot, label) if own else _describe_motion(robot, label[0], angular)
+    what = _describe(robot, label, angular)
     if not members:
-        return motion if own else f"{motion}; no other parameter has the same effect"
+        mark = ", " if label[1] in (*_FRICTION, *_SPRING) else "; "
+        return f"{what}{mark}{_describe_place(robot, label)}"
     others = ", ".join(write_label(robot, member) for member in members)
     if len(members) == 1:
-        return f"{motion}; felt only together with {others}: {_explain_transfer(robot, members[0])}"
-    return f"{motion}; felt only together with {others}. {'; '.join(_explain_members(robot, members))}"
+        return f"{what}; felt only together with {others}: {_explain_transfer(robot, members[0], [label])}"
+    return f"{what}; felt only together with {others}. {'; '.join(_explain_members(robot, label, members))}"
 
 
-def _explain_members(robot: Robot, members: Sequence[Label]) -> Iterator[str]:
+def _explain_members(robot: Robot, head: Label, members: Sequence[Label]) -> Iterator[str]:
     """Return why parameters join a group: a sentence for the first of each kind, the others behind it."""
     kinds: dict[str, list[Label]] = {}
     for label in members:
         kinds.setdefault(label[1], []).append(label)
     for first, *rest in kinds.values():
         alike = ", ".join(write_label(robot, label) for label in rest)
-        others = f" ({alike}: by their own joints)" if rest else ""
-        yield f"{write_label(robot, first)}: {_explain_transfer(robot, first)}{others}"
+        others = f" ({alike}: likewise)" if rest else ""
+        yield f"{write_label(robot, first)}: {_explain_transfer(robot, first, [head])}{others}"
 
 
 def explain_elimination(
     robot: Robot,
     label: Label,
-    groups: Sequence[tuple[str, Expr]],
+    groups: Sequence[tuple[str, Label]],
     angular: Sequence[tuple[int, ...]],
     form: str = "torque",
 ) -> str:
@@ -133,24 +148,25 @@ def explain_elimination(
     Args:
         robot: the robot.
         label: the parameter.
-        groups: the base parameters it was grouped into, with its coefficient in each.
+        groups: the base parameters it was grouped into, and their representatives.
         angular: angular components of each attainable velocity of the link.
         form: what is looked at, as in `find_base_parameters`.
     """
     if not groups:
-        motion = _describe_motion(robot, label[0], angular)
-        return f"no effect: {motion}, and {_SHOWN[form]} shows it"
-    into = ", ".join(group for group, _ in groups)
-    return f"grouped into {into}: {_explain_transfer(robot, label)}"
+        return f"no effect: {_describe(robot, label, angular)}, and {_SHOWN[form]} shows it"
+    into = ", ".join(name for name, _ in groups)
+    heads = [head for _, head in groups]
+    return f"grouped into {into}: {_explain_transfer(robot, label, heads)}"
 
 
-def _explain_transfer(robot: Robot, label: Label) -> str:
+def _explain_transfer(robot: Robot, label: Label, heads: Sequence[Label]) -> str:
+    """Return why a parameter has the effect of those that stand for its groups."""
     index, name = label
     if name == "IA":
-        rates = "dq" + str(index + 1) if index < robot.size else "the speed of its drive"
-        return f"the rotor's energy is a multiple of {rates}^2, which parameters of the links make as well"
-    if index >= robot.size or name in _FRICTION or name in _SPRING:
-        return _explain_torque(robot, label)
+        rate = f"dq{index + 1}" if index < robot.size else "its speed"
+        return f"the rotor's energy goes with the square of {rate}, as that of other parameters does"
+    if name not in INERTIAL:
+        return _explain_torque(robot, label, heads)
     parent = robot.joints[index].parent
     carrier = f"link {parent + 1}" if parent >= 0 else "the base"
     number = index + 1
@@ -172,12 +188,15 @@ def _explain_transfer(robot: Robot, label: Label) -> str:
     return f"at joint {number} its effect equals that of parameters of {carrier} or before"
 
 
-def _explain_torque(robot: Robot, label: Label) -> str:
+def _explain_torque(robot: Robot, label: Label, heads: Sequence[Label]) -> str:
     """Return why a friction or spring parameter has the effect of another."""
     index, name = label
-    number = index + 1
-    if name in ("offset", "Fcn", "KR") and index < robot.size:
-        return f"it holds a constant force at joint {number}, as a weight along its axis makes one"
-    if name in ("offset", "Fcn"):
-        return "it holds a constant torque, as other parameters at the same joints do"
-    return "it acts on the same coordinate, in proportion to the same function"
+    if name not in _CONSTANT or any(head[1] in ("Fv", "Fc", "Fvp", "Fvn", "KS") for head in heads):
+        return "it acts on the same coordinate, in proportion to the same function"
+    sliding = is_prismatic(robot, index)
+    force = "force" if sliding else "torque"
+    place = f" at joint {index + 1}" if index < robot.size else ""
+    if any(head[1] in INERTIAL for head in heads):
+        return f"it holds a constant {force}{place}, as a weight along its axis makes one"
+    alike = ", ".join(write_label(robot, head) for head in heads if head[1] in _CONSTANT)
+    return f"it holds a constant {force}{place}, as {f'{alike} does' if alike else 'others of the group do'}"

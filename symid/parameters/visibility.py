@@ -15,7 +15,7 @@ state, and what is left, h_p(x) A_l0 pi_l with the constant part A_l0, is made u
 each block has a small set of rows that act on the parameters of its links and all beyond them, carried to it
 by the constant parts; the base parameters are all these rows together. This is the recursion over attainable
 velocities and gravity directions of Wensing, Niemeyer and Slotine (2017), written for the energy and for
-blocks of joints; it is linear in the number of blocks and exact in the field of the geometry.
+blocks of joints; every block is looked at once, exactly, in the field of the geometry.
 
 Supported: trees; joints that follow others; rotors of joints and couplings; springs; constant torques.
 """

@@ -2,7 +2,7 @@
 
 Input: a robot. Output: `Step` records, from the frames to the torques, each with formulas in text and LaTeX.
 
-Supported: every robot the exact algebra supports. Beyond three joints the torques are not written out
+Supported: every robot the exact algebra supports. Beyond three coordinates the torques are not written out
 (they fill pages); their check is made at an exact rational point instead of term by term.
 """
 
@@ -14,7 +14,7 @@ from typing import Any
 from sympy import Add, Expr, Symbol, latex
 from sympy.polys.rings import PolyElement
 
-from symid.algebra.display import write_latex, write_text
+from symid.algebra.display import write_latex, write_left, write_text
 from symid.algebra.exact import build_exact_state, find_domain
 from symid.algebra.points import PointAlgebra, build_point_state
 from symid.dynamics.drives import DRIVE
@@ -38,11 +38,12 @@ _AXES = ("x", "y", "z")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Formula:
-    """An equation `left = right`, its right side in plain text and in LaTeX."""
+    """An equation `left = right`, both sides in plain text and in LaTeX."""
 
     left: str
     text: str
     latex: str
+    left_latex: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,7 +64,12 @@ def _require(holds: bool, otherwise: str) -> None:  # noqa: FBT001  reads as an 
 
 
 def _formula(left: str, value: PolyElement) -> Formula:
-    return Formula(left=left, text=write_text(value), latex=write_latex(value))
+    return Formula(left=left, text=write_text(value), latex=write_latex(value), left_latex=write_left(left))
+
+
+def _say(left: str, text: str) -> Formula:
+    """Return a formula that is a sentence."""
+    return Formula(left=left, text=text, latex=rf"\text{{{text}}}", left_latex=write_left(left))
 
 
 def _describe_frames(robot: Robot) -> Step:
@@ -75,7 +81,14 @@ def _describe_frames(robot: Robot) -> Step:
         before = f"link {joint.parent + 1}" if joint.parent >= 0 else "the base"
         motion = "turns about" if joint.kind is JointKind.REVOLUTE else "moves along"
         text = f"{motion} z = {axis}, origin {origin} m, seen from {before}"
-        formulas.append(Formula(left=f"joint {number} ({joint.name})", text=text, latex=rf"\text{{{text}}}"))
+        if joint.mimic is not None:
+            master = joint.mimic.master + 1
+            share = _write_sum([(joint.mimic.multiplier, f"q{master}")])
+            text += f"; it follows joint {master}: q{number} = {share}"
+        formulas.append(_say(f"joint {number} ({joint.name})", text))
+    for drive in robot.couplings:
+        speed = _write_sum([(factor, f"dq{index + 1}") for index, factor in drive.terms])
+        formulas.append(_say(f"drive {drive.name}", speed))
     gravity = ", ".join(str(value) for value in robot.gravity)
     return Step(
         title="Frames",
@@ -83,6 +96,17 @@ def _describe_frames(robot: Robot) -> Step:
         f"All lengths and rotations are exact; gravity is ({gravity}) m/s^2 in the base frame.",
         formulas=tuple(formulas),
     )
+
+
+def _write_sum(terms: Sequence[tuple[Fraction, str]]) -> str:
+    """Return a sum of multiples such as `q1 - 63/100*q2`."""
+    parts = [f"{'-' if factor < 0 else '+'} {_write_multiple(abs(factor), name)}" for factor, name in terms]
+    text = " ".join(parts)
+    return text.removeprefix("+ ") if text.startswith("+") else text.replace("- ", "-", 1)
+
+
+def _write_multiple(factor: Fraction, name: str) -> str:
+    return name if factor == 1 else f"{factor}*{name}"
 
 
 def _describe_velocities(motions: Sequence[Motion[PolyElement]]) -> Step:
@@ -105,13 +129,15 @@ def _describe_velocities(motions: Sequence[Motion[PolyElement]]) -> Step:
 def _describe_energy(energy: ExactEnergy, base: BaseParameters) -> Step:
     formulas = []
     for parameter in base.parameters:
-        formulas.append(_formula(f"dT/d{parameter.name}", energy.kinetic[parameter.label]))
+        if energy.kinetic[parameter.label]:
+            formulas.append(_formula(f"dT/d{parameter.name}", energy.kinetic[parameter.label]))
         if energy.potential[parameter.label]:
             formulas.append(_formula(f"dV/d{parameter.name}", energy.potential[parameter.label]))
     return Step(
         title="Energy",
-        sentence="Both energies are linear in the parameters of the links: T = hT beta, V = hV beta "
-        "(Gautier and Khalil 1988). These are the entries that belong to the base parameters.",
+        sentence="Both energies are linear in the parameters of links, rotors and springs: T = hT beta, "
+        "V = hV beta (Gautier and Khalil 1988). These are the entries that belong to the base parameters; "
+        "what is not listed is zero.",
         formulas=tuple(formulas),
         check=_check_grouping(energy, base),
     )
@@ -143,7 +169,13 @@ def _check_grouping(energy: ExactEnergy, base: BaseParameters) -> str:
 
 def _describe_base(robot: Robot, base: BaseParameters) -> Step:
     formulas = tuple(
-        Formula(left=p.name, text=p.expression, latex=_write_group(robot, p.terms)) for p in base.parameters
+        Formula(
+            left=p.name,
+            text=p.expression,
+            latex=_write_group(robot, p.terms),
+            left_latex=write_left(p.name),
+        )
+        for p in base.parameters
     )
     total = sum(name in (*INERTIAL, *DRIVE) for _, name in base.labels)
     return Step(

@@ -5,6 +5,7 @@ from fractions import Fraction
 
 import pytest
 
+from symid.dynamics.labels import find_label_unit
 from symid.parameters.base import FORMS, build_standard_parameters, find_base_parameters
 from symid.robot.description import Coupling, FrictionKind, FrictionValues, Mimic, Spring
 from tests.chains import PANDA, PI, PUMA560, TWO_LINK, build_chain
@@ -60,8 +61,9 @@ def test_a_coupled_drive_has_parameters_of_its_own_name():
     robot = replace(build_chain([(0.0, 0, 0, "q"), (PI / 2, 0, 0, "q")], rotors=True), couplings=(coupling,))
     base = find_base_parameters(robot)
     reasons = {parameter.name: parameter.reason for parameter in (*base.parameters, *base.friction)}
-    assert reasons["IAm2"].startswith("drive m2 turns with joints 1, 2")
-    assert reasons["Fvm2"] == "friction of drive m2, felt at all of its joints"
+    rotor = "rotor of drive m2, which turns with joints 1, 2; no other parameter has the same effect"
+    assert reasons["IAm2"] == rotor
+    assert reasons["Fvm2"] == "friction of drive m2, which turns with joints 1, 2, felt at all of them"
 
 
 def test_the_friction_of_a_follower_adds_to_its_masters():
@@ -91,3 +93,32 @@ def test_an_offset_shared_by_a_coupled_drive_is_explained():
     base = find_base_parameters(replace(robot, couplings=(coupling,)))
     reasons = {entry.name: entry.reason for entry in base.eliminated}
     assert reasons["offsetm"].startswith("grouped into offsetR1, offsetR2: it holds a constant torque")
+
+
+def test_units_and_reasons_of_a_drive_that_turns_and_slides():
+    rows = [(0.0, 0, 0, "q"), (PI / 3, 0, "q", 0.0)]
+    mixed = Coupling(name="m", terms=((1, Fraction(1)), (0, Fraction(1))), has_rotor=True)
+    robot = replace(build_chain(rows, rotors=True), couplings=(mixed,))
+    assert find_label_unit(robot, (2, "IA")) == "kg m^2", "whatever the order of its joints"
+    slides = replace(mixed, terms=((1, Fraction(1)),))
+    assert find_label_unit(replace(robot, couplings=(slides,)), (2, "IA")) == "kg"
+
+
+def test_reasons_without_a_contradiction():
+    robot = build_chain([(0.0, 0, 0, "q")], friction=FrictionKind.VISCOUS_COULOMB_OFFSET)
+    sprung = replace(robot, joints=(replace(robot.joints[0], spring=Spring()),))
+    base = find_base_parameters(sprung)
+    (preload,) = [parameter for parameter in base.parameters if parameter.name == "KRR1"]
+    together = "it holds a constant torque at joint 1, as KR1 does"
+    assert preload.reason == f"spring of joint 1; felt only together with offset1: {together}"
+    reasons = {entry.name: entry.reason for entry in find_base_parameters(sprung, form="momentum").eliminated}
+    assert reasons["KS1"] == "no effect: spring of joint 1, and no momentum shows it"
+
+
+def test_a_drive_whose_factors_cancel_stands_still():
+    robot = build_chain([(0.0, 0, 0, "q"), (PI / 2, 0, 0, "q")])
+    joints = (robot.joints[0], replace(robot.joints[1], mimic=Mimic(master=0, multiplier=Fraction(-1))))
+    drive = Coupling(name="m", terms=((0, Fraction(1)), (1, Fraction(1))), has_rotor=True)
+    base = find_base_parameters(replace(robot, joints=joints, couplings=(drive,)))
+    reasons = {entry.name: entry.reason for entry in base.eliminated}
+    assert reasons["IAm"].startswith("no effect: rotor of drive m, which stands still: its factors cancel")

@@ -1,12 +1,16 @@
 """The derivation for people: its statements, its checks, and what happens when a check fails."""
 
+from dataclasses import replace
+from fractions import Fraction
+
 import pytest
 
+from symid.algebra.display import write_left
 from symid.errors import SymidError
-from symid.robot.description import FrictionKind
+from symid.robot.description import Coupling, FrictionKind, Mimic, Spring
 from symid.teaching import lesson
 from symid.teaching.lesson import derive_lesson
-from tests.chains import PANDA, TWO_LINK, build_chain
+from tests.chains import PANDA, PI, TWO_LINK, build_chain
 
 
 def find_formula(steps, left):
@@ -66,3 +70,37 @@ def test_a_contradiction_is_never_printed_as_a_result(monkeypatch, robot):
         derive_lesson(robot)
     assert caught.value.notices[0].code == "dynamics.contradiction"
     assert caught.value.exit_code == 70
+
+
+def test_followers_and_drives_are_introduced():
+    robot = build_chain([(0.0, 0, 0, "q"), (PI / 2, 0, 0, "q"), (0.3, 0.1, "q", 0.0)])
+    joints = list(robot.joints)
+    joints[1] = replace(joints[1], mimic=Mimic(master=0, multiplier=Fraction(-63, 100)), spring=Spring())
+    drive = Coupling(name="m", terms=((0, Fraction(1)), (2, Fraction(-1, 2))), has_rotor=True)
+    frames, _, energy, _, torques = derive_lesson(replace(robot, joints=tuple(joints), couplings=(drive,)))
+    words = {formula.left: formula.text for formula in frames.formulas}
+    assert words["joint 2 (joint2)"].endswith("it follows joint 1: q2 = -63/100*q1")
+    assert words["drive m"] == "dq1 - 1/2*dq3"
+    assert not [formula for formula in energy.formulas if formula.text == "0"]
+    assert "same polynomials" in torques.check
+
+
+@pytest.mark.parametrize(
+    ("left", "latex"),
+    [
+        ("dT/dZZR1", r"\frac{\partial T}{\partial ZZR_{1}}"),
+        ("dtau2/dM3", r"\frac{\partial \tau_{2}}{\partial M_{3}}"),
+        ("w12x", r"\omega_{12,x}"),
+        ("v1z", "v_{1,z}"),
+        ("MXR1", "MXR_{1}"),
+        ("IAm_6", r"\mathit{IAm\_6}"),
+        ("joint 1 (a_b)", r"\text{joint 1 (a\_b)}"),
+    ],
+)
+def test_left_sides_in_latex(left, latex):
+    assert write_left(left) == latex
+
+
+def test_a_torque_without_a_slope_at_a_point_in_an_extended_field():
+    robot = build_chain([(PI / 4, 0, "q", 0.0), (0.0, 0.1, 0, "q"), (PI / 2, 0, 0, "q"), (0.0, 0.2, 0, "q")])
+    assert "exactly at a rational point" in derive_lesson(robot)[-1].check
