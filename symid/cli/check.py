@@ -10,6 +10,8 @@ from symid.cli.output import Answer, Console, format_table
 
 __all__ = ["command"]
 
+_CONVENTIONS = {"urdf": "URDF", "origin": "frames by origin"}
+
 
 @click.command("check")
 @click.argument("robot")
@@ -35,8 +37,9 @@ def command(
     """
     described = load_robot(robot, split_settings(settings), friction, base=base_link, tip=tip_link)
     warnings = described.notices
-    convention = "URDF" if described.convention == "urdf" else f"{described.convention} DH"
-    lines = [f"{described.path}: {described.name}, {described.size} joints, {convention}: no mistakes"]
+    convention = _CONVENTIONS.get(described.convention, f"{described.convention} DH")
+    joints = f"{described.size} joint{'s'[: described.size != 1]}"
+    lines = [f"{described.path}: {described.name}, {joints}, {convention}: no mistakes"]
     result: dict[str, object] = {
         "robot": described.name,
         "file": described.path,

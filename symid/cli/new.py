@@ -9,7 +9,7 @@ import click
 from symid.cli.inputs import check_output, show_path
 from symid.cli.options import force_option, verb
 from symid.cli.output import Answer, Console
-from symid.errors import Notice, UsageError
+from symid.errors import Notice, RobotError, UsageError
 
 if TYPE_CHECKING:  # these load numpy, which a usage error must not wait for
     from symid.robot.description import Robot
@@ -33,7 +33,7 @@ What stands in comments is not known yet: fill in what is, and leave out what do
 @click.option(
     "--gravity", metavar="X,Y,Z", help="In the base frame of the table, m/s^2.  [default: 0,0,-9.81]"
 )
-@click.option("--from", "name", metavar="ROBOT", help="A robot at hand: its file is copied.")
+@click.option("--from", "name", metavar="ROBOT", help="A robot at hand: a file is copied, a URDF converted.")
 @force_option
 @verb
 def command(
@@ -56,21 +56,22 @@ def command(
     _check_options(
         urdf, table, name, {"--base": base, "--tip": tip}, {"--convention": convention, "--gravity": gravity}
     )
+    _check_suffix(file)
     source = urdf or table
     check_output(file, force=force, inputs=() if source is None else (source,))
     console.progress(f"reading {source or name}")
     if name is not None:
         robot, text = _copy(name, file, force=force)
+    elif urdf is not None:
+        from symid.formats.urdf import read_urdf
+
+        robot = read_urdf(urdf, base=base, tip=tip)
+        text = _write(robot)
     else:
-        if urdf is not None:
-            from symid.formats.urdf import read_urdf
+        from symid.formats.dh_table import read_dh_table
 
-            robot = read_urdf(urdf, base=base, tip=tip)
-        else:
-            from symid.formats.dh_table import read_dh_table
-
-            robot = read_dh_table(table or Path(), convention or "", _split_gravity(gravity))
-        text = _write(robot, file)
+        robot = read_dh_table(table or Path(), convention or "", _split_gravity(gravity))
+        text = _write(robot)
     from symid.identification.storage import write_file
 
     write_file(file, text)
@@ -119,40 +120,68 @@ def _check_options(
         raise UsageError(*(Notice(code="usage.call", text=text) for text in texts))
 
 
+def _check_suffix(file: Path) -> None:
+    """Refuse a name under which no verb would read the file as what it is.
+
+    Raises:
+        UsageError: the name does not end in .toml.
+    """
+    if file.suffix.lower() != ".toml":
+        text = f"{file}: a robot file is TOML; give a name that ends in .toml, such as {file.stem}.toml"
+        raise UsageError(Notice(code="usage.suffix", text=text))
+
+
 def _split_gravity(text: str | None) -> tuple[str, str, str]:
     """Return the three components of --gravity.
 
     Raises:
-        UsageError: they are not three finite numbers.
+        UsageError: they are not three finite numbers of a sensible size.
     """
     if text is None:
         return _LEVEL
+    from symid.formats.section import to_decimal
+
     parts = [part.strip() for part in text.split(",")]
     try:
-        good = len(parts) == 3 and all(Decimal(part).is_finite() for part in parts)
+        good = len(parts) == 3 and all(to_decimal(Decimal(part)) is not None for part in parts)
     except InvalidOperation:
         good = False
     if not good:
-        message = f"--gravity {text}: expected three numbers in m/s^2, such as --gravity 0,0,-9.81"
+        expected = "expected three numbers in m/s^2 of a sensible size"
+        message = f"--gravity {text}: {expected}, such as --gravity 0,0,-9.81"
         raise UsageError(Notice(code="usage.gravity", text=message))
     return (parts[0], parts[1], parts[2])
 
 
 def _copy(name: str, file: Path, *, force: bool) -> tuple["Robot", str]:
-    """Return a robot at hand and the text of its file."""
-    from symid.formats.locate import find_robot_file
+    """Return a robot at hand and the text of its file; a URDF is converted."""
+    from symid.formats.locate import find_robot_file, is_urdf
     from symid.formats.toml import read_robot
+    from symid.formats.urdf import read_urdf
 
     found = find_robot_file(name)
     check_output(file, force=force, inputs=(found,))
+    if is_urdf(found):
+        robot = read_urdf(found)
+        return robot, _write(robot)
     return read_robot(found), found.read_text(encoding="utf-8-sig")
 
 
-def _write(robot: "Robot", file: Path) -> str:
-    """Return the text of the new file, which has been read back."""
+def _write(robot: "Robot") -> str:
+    """Return the text of the new file, which has been read back.
+
+    Raises:
+        RobotError: a robot file cannot say what the source says; the message names the source.
+    """
     from symid.formats.toml import parse_robot
     from symid.formats.writer import write_robot
 
     text = write_robot(robot, comment=_COMMENT.format(source=Path(robot.path).name), hints=True)
-    parse_robot(text, str(file))
+    try:
+        parse_robot(text)
+    except RobotError as error:
+        texts = (f"cannot be written as a robot file: {notice.text}" for notice in error.notices)
+        raise RobotError(
+            *(Notice(code="new.unwritable", text=words, file=robot.path) for words in texts)
+        ) from error
     return text

@@ -8,10 +8,12 @@ Not supported: guesses. A convention, a joint's kind, gravity and units must be 
 """
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 from symid.errors import RobotError
 from symid.formats.forms import Symbols, read_form
+from symid.formats.joint_friction import FRICTION_PARAMETERS
 from symid.formats.joints import read_joints
 from symid.formats.section import (
     Section,
@@ -23,7 +25,7 @@ from symid.formats.section import (
 )
 from symid.formats.settings import read_log, read_processing
 from symid.notation import INERTIAL
-from symid.robot.description import Robot
+from symid.robot.description import Coupling, Robot
 from symid.robot.geometry import ZERO, Exact
 
 __all__ = ["CONVENTIONS", "build_robot"]
@@ -43,9 +45,12 @@ _KEYS = (
 )
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 # Letters of coordinates, functions and parameters would read as something else in a formula.
-_RESERVED = re.compile(
-    rf"(?:pi|tau|theta|sqrt|atan|[sc]\d+|d{{0,2}}q\d*|(?:{'|'.join((*INERTIAL, 'IA', 'KS', 'KR'))})R?\d+)"
+_LETTERS = (
+    *INERTIAL,
+    *("IA", "KS", "KR"),
+    *dict.fromkeys(name for names in FRICTION_PARAMETERS.values() for name in names),
 )
+_RESERVED = re.compile(rf"(?:pi|tau|theta|sqrt|atan|[sc]\d+|d{{0,2}}q\d*|(?:{'|'.join(_LETTERS)})R?\d+)")
 
 
 def build_robot(root: Section, file: str) -> Robot:
@@ -62,6 +67,7 @@ def build_robot(root: Section, file: str) -> Robot:
     convention = _read_convention(root)
     symbols = _read_symbols(root)
     mechanism = read_joints(root, convention, symbols)
+    _refuse_parameters(root, symbols, mechanism.couplings)
     gravity = _read_gravity(root, symbols)
     log = read_log(root, mechanism.joints)
     name = _read_name(root, Path(file).stem)
@@ -135,6 +141,16 @@ def _read_symbols(root: Section) -> Symbols:
             table.refuse_key("robot.bad-name", name, text)
         values[name] = float(read_number(table, name, "") or 0)
     return Symbols(values)
+
+
+def _refuse_parameters(root: Section, symbols: Symbols, couplings: Sequence[Coupling]) -> None:
+    """Refuse symbols that read as the parameters of coupled drives."""
+    taken = {f"{letter}{coupling.name}": coupling.name for coupling in couplings for letter in _LETTERS}
+    section = Section(values=symbols.values, path=("symbols",), report=root.report, label="symbols")
+    for name in symbols.values:
+        if name in taken and not _RESERVED.fullmatch(name):
+            text = f"cannot name a symbol: it reads as a parameter of the coupling {taken[name]}"
+            section.refuse_key("robot.bad-name", name, text)
 
 
 def _warn_of_unused_symbols(root: Section, symbols: Symbols) -> None:

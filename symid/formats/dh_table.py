@@ -6,7 +6,8 @@ Output: `Robot`, or one `RobotError` with all that is wrong, each with its place
 Supported: commas, semicolons, tabs; comments from # to the end of a line; angles in rad, texts such as pi/2,
 or in degrees under `alpha_deg`; lengths in m, or in mm under `a_mm`; `q` for a joint's variable, also with a
 constant as in `q - pi/2`. A joint without kind is revolute where q stands under theta, prismatic under d.
-Not supported: trees, symbols, quoted cells, decimal commas.
+A cell may stand in double quotes, as spreadsheets write them; a quote inside is doubled.
+Not supported: trees, symbols, decimal commas, cells of several lines.
 """
 
 import re
@@ -41,7 +42,9 @@ _COLUMNS = {
     "theta_rad": ("theta", None),
     "theta_deg": ("theta", "deg"),
 }
+_QUOTED = re.compile(r'"(?:[^"]|"")*"')
 _SEPARATORS = (",", ";", "\t")
+_COLUMN_HINT = "alpha_deg is in degrees, a_mm in mm"
 _VARIABLE = re.compile(r"q\d*\s*(?P<rest>[-+].*)?")
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]{1,3})?")
 _KINDS = {"theta": "revolute", "d": "prismatic"}
@@ -120,22 +123,38 @@ def _split_cells(text: str, file: str) -> list[list[_Cell]]:
     lines = []
     separator = ""
     for number, line in enumerate(text.replace("\r\n", "\n").split("\n"), start=1):
-        content = line.partition("#")[0]
-        if not content.strip():
+        # What stands in quotes is masked, so that separators and # in it are none.
+        masked = _QUOTED.sub(lambda match: "x" * len(match[0]), line)
+        masked = masked.partition("#")[0]
+        if not masked.strip():
             continue
-        separator = separator or max(_SEPARATORS, key=content.count)
-        cells, column = [], 1
-        for part in content.split(separator):
-            lead = len(part) - len(part.lstrip())
-            cells.append(_Cell(part.strip(), Place(file, number, column + lead, part.strip())))
+        separator = separator or max(_SEPARATORS, key=masked.count)
+        cells, column = [], 0
+        for part in masked.split(separator):
+            found = line[column : column + len(part)]
+            lead = len(found) - len(found.lstrip())
+            shown = found.strip()
+            cells.append(_Cell(_unquote(shown), Place(file, number, column + lead + 1, shown)))
             column += len(part) + len(separator)
         lines.append(cells)
     return lines
 
 
+def _unquote(cell: str) -> str:
+    return cell[1:-1].replace('""', '"').strip() if _QUOTED.fullmatch(cell) else cell
+
+
 def _read_header(cells: list[_Cell], errors: list[Notice]) -> list[str]:
+    """Return the names of the columns.
+
+    Raises:
+        RobotError: the line names none, and so is no header.
+    """
     names: list[str] = []
     keys: list[str] = []
+    if not any(cell.text.lower() in _COLUMNS for cell in cells):
+        text = f"no header; the first line names the columns: joint,kind,alpha,a,d,theta ({_COLUMN_HINT})"
+        raise RobotError(_tell("robot.table-header", cells[0].place, text))
     for cell in cells:
         name = cell.text.lower()
         if name not in _COLUMNS:

@@ -29,7 +29,7 @@ _ROOTS = {
     6: Exact.surd(Fraction(0), 0, 0, 1),
 }
 _EXAMPLES = {"m": "L1", "kg": "m1", "kg*m^2": "I1", "m/s^2": "-g"}
-_NOUNS = {"m": "length", "kg": "mass", "kg*m^2": "inertia", "m/s^2": "acceleration"}
+_NOUNS = {"m": "a length", "kg": "a mass", "kg*m^2": "an inertia", "m/s^2": "an acceleration"}
 _TYPICAL = {"m": "0.5", "kg": "2.5", "kg*m^2": "0.01", "m/s^2": "9.81"}
 
 
@@ -132,14 +132,20 @@ def _check_symbols(section: Section, key: str, form: Exact, symbols: Symbols, un
             good = False
         elif symbols.units.setdefault(name, unit) != unit:
             before = symbols.units[name]
-            text = f"{name} was a {_NOUNS[before]} ({before}) before, and is a {_NOUNS[unit]} ({unit}) here"
+            text = f"{name} was {_NOUNS[before]} ({before}) before, and is {_NOUNS[unit]} ({unit}) here"
             section.refuse("robot.symbol-unit", key, f"{text}; give each quantity its own symbol", *inner)
             good = False
     return good
 
 
-def read_fraction(section: Section, key: str) -> Fraction | None:
-    """Return the number at `key` exactly, a decimal or a text such as "1/3"; it must not be 0."""
+def read_fraction(section: Section, key: str, instead_of_zero: str) -> Fraction | None:
+    """Return the number at `key` exactly, a decimal or a text such as "1/3".
+
+    Args:
+        section: the table.
+        key: the name of the value.
+        instead_of_zero: what to do where it is 0, which it must not be.
+    """
     value = section.values.get(key)
     if value is None:
         return None
@@ -154,6 +160,6 @@ def read_fraction(section: Section, key: str) -> Fraction | None:
             "robot.wrong-type", key, f'expected a number or a fraction "1/3", got {section.show(key)}'
         )
     elif not found:
-        section.refuse("robot.out-of-range", key, "must not be 0; leave it out, or write a fixed joint")
+        section.refuse("robot.out-of-range", key, f"must not be 0; {instead_of_zero}")
         return None
     return found

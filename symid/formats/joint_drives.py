@@ -84,6 +84,9 @@ def read_spring(section: Section, *, prismatic: bool) -> Spring | None:
             table.refuse_key("robot.missing-key", key, text)
     stiffness = _read_known(table, "stiffness", _find_spring_unit("stiffness", prismatic=prismatic), ANY)
     rest = _read_known(table, "rest", _find_spring_unit("rest", prismatic=prismatic), ANY)
+    if stiffness is not None and stiffness < 0:
+        text = f"{stiffness:g} pushes the joint away from rest; a spring's stiffness is positive"
+        table.warn("robot.negative-stiffness", "stiffness", text)
     return Spring(stiffness=stiffness, rest=rest)
 
 
@@ -196,7 +199,7 @@ def _read_terms(
         section.refuse("robot.missing-key", "terms", text)
     terms = []
     for name in table.values:
-        factor = read_fraction(table, name)
+        factor = read_fraction(table, name, "leave the joint out: the drive does not turn with it")
         if name not in names:
             hint = find_nearest(name, names) or f"allowed are {', '.join(names)}"
             table.refuse_key("robot.unknown-joint", name, f"there is no such joint; {hint}")

@@ -74,7 +74,7 @@ def _read_link(
     table = read_table(section, "mimic", ("joint", "multiplier", "offset"))
     if table is None:
         return None
-    multiplier = read_fraction(table, "multiplier")
+    multiplier = read_fraction(table, "multiplier", "leave it out, or write a fixed joint")
     if "multiplier" not in table.values:
         multiplier = Fraction(1)
     revolute = kinds[index] is JointKind.REVOLUTE

@@ -18,8 +18,10 @@ from symid.formats.joint_mimic import read_followers
 from symid.formats.link import read_inertial
 from symid.formats.origin import read_origin
 from symid.formats.section import (
+    BASE,
     POSITIVE,
     Section,
+    explain_wide_limits,
     find_nearest,
     read_choice,
     read_number,
@@ -56,7 +58,6 @@ _KINDS = {
     "prismatic": JointKind.PRISMATIC,
     "fixed": None,
 }
-_BASE = "base"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -184,10 +185,8 @@ def _read_names(sections: list[Section]) -> list[str]:
         if name in names:
             text = f"the name is taken by joint {names.index(name) + 1}; each joint needs its own"
             section.refuse("robot.duplicate-joint", "name", text)
-        elif name is not None and (name == _BASE or not name.strip()):
-            text = (
-                f'{section.show("name")} cannot name a joint: "{_BASE}" is what the first joint is fixed to'
-            )
+        elif name is not None and (name == BASE or not name.strip()):
+            text = f'{section.show("name")} cannot name a joint: "{BASE}" is what the first joint is fixed to'
             section.refuse("robot.bad-name", "name", text)
         names.append(name or f"joint{number}")
     return names
@@ -198,14 +197,14 @@ def _read_parent(section: Section, index: int, names: list[str]) -> int:
     parent = read_text(section, "parent")
     if parent is None:
         return index - 1
-    if parent == _BASE:
+    if parent == BASE:
         return -1
     if parent in names[:index]:
         return names.index(parent)
     if parent in names:
         text = f'"{parent}" does not stand before this joint; a parent comes before its children'
     else:
-        known = (_BASE, *names[:index])
+        known = (BASE, *names[:index])
         hint = find_nearest(parent, known) or f"allowed are {', '.join(known)}"
         text = f'there is no joint "{parent}"; {hint}'
     section.refuse("robot.unknown-parent", "parent", text)
@@ -231,6 +230,10 @@ def _read_limits(section: Section, *, prismatic: bool) -> Limits:
     if position and position[0] >= position[1]:
         text = f"the lower limit {position[0]} must be less than the upper limit {position[1]}"
         table.refuse("robot.out-of-range", "position", text)
+    elif position and not prismatic:
+        doubt = explain_wide_limits(float(position[0]), float(position[1]))
+        if doubt:
+            table.warn("robot.large-angle", "position", doubt)
     if section.values.get("kind") == "continuous" and "position" in table.values:
         text = 'a continuous joint has none; leave them out, or write kind = "revolute"'
         table.refuse_key("robot.continuous-limits", "position", text)

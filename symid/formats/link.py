@@ -3,8 +3,10 @@
 Input: the values of a robot file. Output: XX XY XZ YY YZ ZZ MX MY MZ M about the origin of the link's
 frame, and the form of a link whose values are symbols.
 
-Supported: both forms of a robot file, symbols in place of numbers, any frame on the link.
-Not supported: masses that are not positive, symbols among the standard parameters.
+Supported: both forms of a robot file, symbols in place of numbers, any frame on the link. Standard parameters
+that no body has (from a converted file, or identified) are kept, with a warning; mass, centre of mass and
+inertia are typed by hand, where such values are a slip, and refused.
+Not supported: negative masses, symbols among the standard parameters.
 """
 
 from collections.abc import Mapping
@@ -54,9 +56,7 @@ def read_inertial(section: Section, frame: Placement, symbols: Symbols) -> Body:
         found = _find_values(form, symbols.values) if form else None
     if found is None or len(section.report.errors) > errors:
         return Body()
-    if impossible := find_impossibility(found):
-        text = f"no body has this inertia: {impossible}; check the values and the point they refer to"
-        link.refuse("robot.impossible-inertia", key, text)
+    if not _check_possible(link, key, found):
         return Body()
     if form is not None and not any(form.inertia):
         text = "inertia is taken as zero: a point mass; write inertia = { xx = 0.01, yy = 0.01, zz = 0.01 }"
@@ -67,6 +67,24 @@ def read_inertial(section: Section, frame: Placement, symbols: Symbols) -> Body:
         parameters=move_parameters(found, rotation, translation),
         form=form if form and _has_symbols(form) else None,
     )
+
+
+def _check_possible(link: Section, key: str, parameters: tuple[float, ...]) -> bool:
+    """Return whether the values may stay; what no body has is a warning among standard parameters."""
+    if not parameters[9]:
+        if any(parameters):
+            text = "no mass (M = 0), but other values: no body has them, and they are kept"
+            link.warn("robot.inertia-without-mass", key, text)
+        return True
+    impossible = find_impossibility(parameters)
+    if impossible and key == "standard":
+        text = f"no body has these values, and they are kept: {impossible}"
+        link.warn("robot.impossible-inertia", key, text)
+    elif impossible:
+        text = f"no body has this inertia: {impossible}; check the values and the point they refer to"
+        link.refuse("robot.impossible-inertia", key, f"{text}, or write them as standard, which is kept")
+        return False
+    return True
 
 
 def _has_symbols(form: LinkForm) -> bool:
@@ -117,6 +135,6 @@ def _read_standard(link: Section) -> tuple[float, ...] | None:
         return None
     numbers = []
     for key, unit in zip(INERTIAL, _UNITS, strict=True):
-        number = read_number(table, key, unit, POSITIVE if key == "M" else ANY)
+        number = read_number(table, key, unit, NOT_NEGATIVE if key == "M" else ANY)
         numbers.append(float(number or 0))
-    return tuple(numbers) if numbers[9] > 0 else None
+    return tuple(numbers)

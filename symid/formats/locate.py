@@ -3,6 +3,7 @@
 Input: a path or a name. Output: the path of a robot file, TOML or URDF.
 """
 
+import codecs
 import difflib
 import os
 from pathlib import Path
@@ -13,6 +14,7 @@ from symid.resources import find_resource_folder
 __all__ = ["find_robot_file", "is_urdf", "list_robots"]
 
 _SUFFIX = ".toml"
+_HEAD = 4096
 _URDF_SUFFIXES = (".urdf", ".xml", ".xacro")
 
 
@@ -21,8 +23,20 @@ def _find_folders() -> tuple[Path, ...]:
 
 
 def is_urdf(path: Path) -> bool:
-    """Return whether the name of a file says that it is a URDF, or a xacro file, which is refused as such."""
-    return path.suffix.lower() in _URDF_SUFFIXES
+    """Return whether a file is a URDF, or a xacro file, which is refused as such.
+
+    Its name says so, or its first letter: TOML never begins with <, and XML always does.
+    """
+    return path.suffix.lower() in _URDF_SUFFIXES or _begins_as_xml(path)
+
+
+def _begins_as_xml(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            head = file.read(_HEAD)
+    except (OSError, ValueError):
+        return False
+    return head.removeprefix(codecs.BOM_UTF8).lstrip().startswith(b"<")
 
 
 def list_robots() -> tuple[str, ...]:
@@ -60,13 +74,13 @@ def _explain(path: Path) -> str:
     if os.path.isdir(path):  # noqa: PTH112  the same
         known = ", ".join(list_robots())
         return f"'{path}' is a folder; give a robot file (.toml, .urdf) or a robot's name: {known}"
+    siblings = [str(other) for end in (_SUFFIX, ".urdf") for other in sorted(path.parent.glob(f"*{end}"))]
+    near = difflib.get_close_matches(str(path), siblings, n=3, cutoff=0.6)
     if path.parent != Path():
-        siblings = [str(other) for end in (_SUFFIX, ".urdf") for other in sorted(path.parent.glob(f"*{end}"))]
-        near = difflib.get_close_matches(str(path), siblings, n=3, cutoff=0.6)
         hint = f"did you mean {' or '.join(near)}?" if near else "give the path of a .toml or .urdf file"
         return f"there is no robot file '{path}'; {hint}"
     names = list_robots()
-    near = difflib.get_close_matches(path.name.lower().removesuffix(_SUFFIX), names, n=3, cutoff=0.5)
+    near += difflib.get_close_matches(path.name.lower().removesuffix(_SUFFIX), names, n=3, cutoff=0.5)
     hint = f"did you mean {' or '.join(near)}? " if near else ""
     known = ", ".join(names)
     return f"there is no robot '{path}'; {hint}known are {known}, or give the path of a .toml or .urdf file"

@@ -20,12 +20,14 @@ from symid.units import find_unit_factor
 
 __all__ = [
     "ANY",
+    "BASE",
     "NOT_NEGATIVE",
     "POSITIVE",
     "Range",
     "Report",
     "Section",
     "explain_number",
+    "explain_wide_limits",
     "find_element",
     "find_nearest",
     "read_choice",
@@ -40,9 +42,14 @@ __all__ = [
     "to_decimal",
 ]
 
+BASE = "base"
+"""What the first joint of a robot file is fixed to; no joint has this name."""
+
 _LONGEST_SHOWN = 40
 # Beyond this many decimal places a number is a slip, and exact arithmetic with it would not end.
 _LARGEST_EXPONENT = 30
+# Limits in degrees lie between these; beyond, a number stands for no limit.
+_WIDE, _WIDEST = 40, 1000
 _NUMBER_WITH_UNIT = re.compile(r"\s*[-+]?[\d.]+(?:[eE][-+]?\d+)?\s*(\S.*?)\s*")
 
 
@@ -136,11 +143,23 @@ def show(text: str) -> str:
 
 
 def find_nearest(name: str, allowed: Iterable[str], *, likeness: float = 0.5) -> str:
-    """Return a question with the names most like `name`, or nothing."""
+    """Return a question with the names most like `name`, or nothing; blanks around a name are pointed out."""
     names = list(allowed)
+    if blank := _explain_blanks(name, names):
+        return blank
     near = difflib.get_close_matches(name.lower(), [known.lower() for known in names], n=2, cutoff=likeness)
     found = [known for known in names if known.lower() in near]
     return f"did you mean {' or '.join(found)}?" if found else ""
+
+
+def _explain_blanks(name: str, known: Iterable[str]) -> str:
+    """Return in words that a name is one of `known` but for the blanks around it, or nothing."""
+    near = next((other for other in known if other.strip() == name.strip()), None)
+    if near is None or near == name:
+        return ""
+    longer, where = (name, "here") if name != name.strip() else (near, "there")
+    side = "at the end" if longer != longer.rstrip() else "at the start"
+    return f'did you mean "{near}"? there is a blank {side} of the name {where}'
 
 
 def find_element(section: Section, key: str, *inner: int) -> object:
@@ -228,6 +247,14 @@ def explain_number(value: object, unit: str) -> str:
     if found != dimension:
         return f" ({match[1]} is not a unit of {dimension})"
     return f" (write the number alone, in {unit})"
+
+
+def explain_wide_limits(low: float, high: float) -> str:
+    """Return in words what is odd about the limits (rad) of a joint that turns, or nothing."""
+    widest = max(abs(low), abs(high))
+    if not _WIDE < widest < _WIDEST:
+        return ""
+    return f"{widest:g} rad are {widest / math.tau:.1f} turns; are these degrees? limits are in rad"
 
 
 def read_number(section: Section, key: str, unit: str, allowed: Range = ANY) -> Decimal | None:

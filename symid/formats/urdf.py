@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from symid.errors import Notice, RobotError
+from symid.formats.section import BASE
 from symid.formats.urdf_drives import read_drives
 from symid.formats.urdf_elements import Document, parse_document
 from symid.formats.urdf_joints import UrdfJoint, read_joint_elements
@@ -39,6 +40,7 @@ from symid.robot.geometry import (
     translate,
 )
 from symid.robot.inertia import move_parameters
+from symid.robot.log_map import Processing
 from symid.robot.lumping import Lumped, lump_fixed
 from symid.robot.reframing import Reframed, reframe_joints
 
@@ -98,7 +100,8 @@ def parse_urdf(
     joints = read_joint_elements(reading, links, snap)
     drives = read_drives(reading, {joint.name: joint for joint in joints})
     tree = read_tree(reading, links, joints, base, tip)
-    followers = read_followers(reading, joints, tree.joints if tree else joints)
+    kept, before = (tree.joints, tree.before) if tree else (joints, ())
+    followers = read_followers(reading, joints, kept, before)
     if tree is None or reading.report.errors:
         raise RobotError(*reading.report.notices())
     whole = _build_joints(reading, links, tree, followers, snap)
@@ -115,14 +118,15 @@ def parse_urdf(
         raise RobotError(Notice(code="robot.no-joints", text=text, file=file, line=1, column=1))
     reframed = reframe_joints(_end_at(tip, tree, lumped), snap=snap)
     _say_moved(reading, tree, reframed)
-    gravity = _find_gravity(reading, tree)
+    gravity = _find_gravity(reading, tree, followers, snap)
     return Robot(
         name=_read_name(reading, Path(file).stem),
-        joints=reframed.joints,
+        joints=_rename_base(reading, tree, reframed.joints),
         gravity=gravity,
         convention="urdf",
-        description=f"read from a URDF; base link {tree.root}",
+        description=_describe(Path(file).name, tree, tip),
         source=document.root.attributes.get("name", ""),
+        processing=Processing(automatic=True),
         path=file,
         notices=reading.list_remarks(),
     )
@@ -145,7 +149,8 @@ def _check_language(document: Document) -> None:
     root = document.root
     if root.tag != "robot":
         place = document.find_place(root)
-        text = f"the outermost element is <{root.tag}>; that of a URDF is <robot>"
+        prefix = "; tags with a prefix are not read" if root.tag.endswith(":robot") else ""
+        text = f"the outermost element is <{root.tag}>; that of a URDF is <robot>{prefix}"
         raise RobotError(
             Notice(code="robot.no-urdf", text=text, file=document.file, line=place.line, column=place.column)
         )
@@ -259,18 +264,52 @@ def _end_at(tip: str | None, tree: UrdfTree, lumped: Lumped) -> tuple[Joint, ...
 
 def _say_moved(reading: Reading, tree: UrdfTree, reframed: Reframed) -> None:
     elements = {joint.name: joint.element for joint in tree.joints}
-    for joint, moved in zip(reframed.joints, reframed.moved_by, strict=True):
+    for joint, moved, tilt in zip(reframed.joints, reframed.moved_by, reframed.tilts, strict=True):
+        name, element = f"'{joint.name}'", elements[joint.name]
         if moved > _ROUNDED:
-            text = "axes in several steps were moved to right angles or parallels, of joints (by rad) {}"
-            name = f"'{joint.name}' ({moved:.1e})"
-            reading.remark("robot.angle-snapped", text, name, elements[joint.name])
+            text = "axes or link frames were moved to right angles or parallels, of joints (by rad) {}"
+            reading.remark("robot.angle-snapped", text, f"{name} ({moved:.1e})", element)
+        if tilt:
+            text = (
+                "axes that are nearly parallel to the one before, of joints (by rad) {}: if they are meant "
+                "to be parallel, write rpy and axis so; else expect base parameters that motions hardly show"
+            )
+            reading.remark("robot.nearly-parallel", text, f"{name} ({tilt:.1e})", element)
 
 
-def _find_gravity(reading: Reading, tree: UrdfTree) -> tuple[Exact, Exact, Exact]:
-    """Return gravity in the base link's frame: down in the file's root frame, joints before it at zero."""
+def _rename_base(reading: Reading, tree: UrdfTree, joints: tuple[Joint, ...]) -> tuple[Joint, ...]:
+    """Return the joints without one called base, which is what robot files call the first joint's parent."""
+    names = {joint.name for joint in joints}
+    name = f"{BASE}_joint"
+    while name in names:
+        name += "_"
+    for index, joint in enumerate(joints):
+        if joint.name == BASE:
+            element = next(entry.element for entry in tree.joints if entry.name == BASE)
+            text = f"joint '{BASE}' is called '{name}' here: in a robot file '{BASE}' is what stands still"
+            reading.warn("robot.renamed", text, element, "name")
+            return (*joints[:index], replace(joint, name=name), *joints[index + 1 :])
+    return joints
+
+
+def _describe(file: str, tree: UrdfTree, tip: str | None) -> str:
+    end = f", {tip} the tip" if tip else ""
+    return f"from the URDF {file}, whose link {tree.root} is the base{end}"
+
+
+def _find_gravity(
+    reading: Reading, tree: UrdfTree, followers: Mapping[str, Follower], snap: float
+) -> tuple[Exact, Exact, Exact]:
+    """Return gravity in the base link's frame: down in the file's root frame.
+
+    Joints before the base stand at zero, followers among them at their offset.
+    """
     outer = IDENTITY
     for joint in tree.before:
         outer = compose_placements(outer, joint.origin)
+        offset = _place_offset(joint, followers.get(joint.name), snap)
+        if offset != IDENTITY:
+            outer = _chain(outer, joint.turn, offset, invert_placement(joint.turn))
     down = Placement(rotation=IDENTITY.rotation, translation=_GRAVITY)
     turned = Placement(rotation=outer.rotation, translation=IDENTITY.translation)
     gravity = compose_placements(invert_placement(turned), down).translation

@@ -7,7 +7,7 @@ itself; rotor inertia at the actuator, on the motor side. It is multiplied by th
 Not supported: transmissions between several joints and actuators; they are listed as not used.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from decimal import Decimal
 
 from symid.formats.urdf_elements import Element
@@ -61,30 +61,36 @@ def read_drives(reading: Reading, joints: Mapping[str, UrdfJoint]) -> dict[str, 
 
 
 def _read_drive(reading: Reading, owner: str, parts: tuple[Element, Element, Element]) -> Drive | None:
-    found = [(part, child) for part in parts for child in part.find_all(*_REDUCTIONS)]
-    values = [value for _, child in found if (value := _read_number(reading, owner, child)) is not None]
-    if len(values) < len(found):
-        return None
-    if len(set(values)) > 1:
-        text = f"{owner}: two mechanical reductions that differ, {values[0]} and {values[1]}; keep one"
-        reading.refuse("robot.two-forms", text, found[1][1])
-        return None
-    if values and not values[0]:
+    errors = len(reading.report.errors)
+    reductions = [child for part in parts for child in part.find_all(*_REDUCTIONS)]
+    rotors = list(parts[0].find_all(*_ROTORS))
+    reduction = _read_one(reading, owner, reductions, "mechanical reductions")
+    inertia = _read_one(reading, owner, rotors, "rotor inertias")
+    if reduction == 0:
         text = f"{owner}: mechanicalReduction: must not be 0; it is the motor's turns per turn of the joint"
-        reading.refuse("robot.out-of-range", text, found[0][1])
+        reading.refuse("robot.out-of-range", text, reductions[0])
+    if inertia is not None and inertia < 0:
+        text = f"{owner}: {rotors[0].tag}: must be at least 0 kg*m^2, got {inertia}"
+        reading.refuse("robot.out-of-range", text, rotors[0])
+    if len(reading.report.errors) > errors:
         return None
-    gear = float(values[0]) if values else 1.0
-    rotor = parts[0].find(*_ROTORS)
-    inertia = _read_number(reading, owner, rotor) if rotor is not None else None
-    if rotor is not None and inertia is not None and inertia < Decimal(0):
-        text = f"{owner}: {rotor.tag}: must be at least 0 kg*m^2, got {inertia}"
-        reading.refuse("robot.out-of-range", text, rotor)
-        return None
+    gear = 1.0 if reduction is None else float(reduction)
     return Drive(
         gear=gear,
-        has_rotor=rotor is not None,
+        has_rotor=bool(rotors),
         rotor_inertia=None if inertia is None else float(inertia) * gear**2,
     )
+
+
+def _read_one(reading: Reading, owner: str, elements: Sequence[Element], what: str) -> Decimal | None:
+    """Return the number that all of the elements state, None without any; two that differ are wrong."""
+    values = [_read_number(reading, owner, element) for element in elements]
+    for element, value in zip(elements[1:], values[1:], strict=True):
+        if None not in (value, values[0]) and value != values[0]:
+            text = f"{owner}: two {what} that differ, {values[0]} and {value}; keep one"
+            reading.refuse("robot.two-forms", text, element)
+            return None
+    return values[0] if values else None
 
 
 def _read_number(reading: Reading, owner: str, element: Element) -> Decimal | None:

@@ -11,10 +11,18 @@ from dataclasses import dataclass, field
 from decimal import Decimal
 from fractions import Fraction
 
-from symid.formats.section import find_nearest, show
+from symid.formats.section import explain_wide_limits, find_nearest, show
 from symid.formats.urdf_elements import Element
 from symid.formats.urdf_links import UrdfLink, warn_of_origin
-from symid.formats.urdf_values import Reading, find_only, read_decimal, read_name, read_vector
+from symid.formats.urdf_values import (
+    Reading,
+    find_only,
+    is_endless,
+    read_decimal,
+    read_name,
+    read_vector,
+    refuse_text,
+)
 from symid.robot.axis_frames import find_axis_frame
 from symid.robot.description import FrictionKind, FrictionValues, Limits
 from symid.robot.geometry import IDENTITY, ZERO, Angle, Exact, Placement, find_angle
@@ -131,6 +139,7 @@ def _read_origin(reading: Reading, owner: str, joint: Element, snap: float) -> P
     if element is None:
         return IDENTITY
     reading.skip_others(element, (), ("xyz", "rpy"))
+    refuse_text(reading, owner, element, 'xyz="0 0 0.1" rpy="0 0 0"')
     zero = (Decimal(0),) * 3
     xyz = read_vector(reading, owner, element, "xyz") or zero
     rpy = read_vector(reading, owner, element, "rpy") or zero
@@ -163,11 +172,12 @@ def _round_length(reading: Reading, owner: str, element: Element, value: Decimal
 def _read_axis(reading: Reading, owner: str, joint: Element, snap: float) -> Placement:
     element = find_only(reading, owner, joint, "axis")
     axis = (Decimal(1), Decimal(0), Decimal(0))
-    if element is None:
-        name = owner.removeprefix("joint ")
-        reading.remark("robot.default-axis", "no <axis>, so it is x (1 0 0), of joints {}", name, joint)
-    else:
+    if element is None or (not element.text and "xyz" not in element.attributes):
+        name, text = owner.removeprefix("joint "), "no <axis> with xyz, so it is x (1 0 0), of joints {}"
+        reading.remark("robot.default-axis", text, name, element or joint)
+    if element is not None:
         reading.skip_others(element, (), ("xyz",))
+        refuse_text(reading, owner, element, 'xyz="0 0 1"')
         axis = read_vector(reading, owner, element, "xyz") or axis
     if not any(axis):
         text = f"{owner}: axis xyz: the axis 0 0 0 has no direction"
@@ -213,23 +223,39 @@ def _read_limits(reading: Reading, name: str, joint: Element, type_: str) -> Lim
         read_decimal(reading, owner, element, key, endless=True)
         for key in ("lower", "upper", "velocity", "effort")
     )
-    position = None
-    if type_ == "continuous" and (low is not None or high is not None):
-        reading.skip("lower and upper in <limit> of a continuous joint", element)
-    elif low is not None or high is not None:
-        # An absent limit of the two is zero.
-        position = (float(low or 0), float(high or 0))
-    if position and position[0] >= position[1]:
-        if any(position):
-            text = f"{owner}: limit: lower {position[0]:g} is not less than upper {position[1]:g}; not used"
-            reading.warn("robot.bad-limits", text, element, "lower")
-        position = None
     for key, value in (("velocity", velocity), ("effort", effort)):
-        if value is not None and value <= 0:
-            text = f"limit {key} not positive, taken as unknown, of joints {{}}"
+        if value is not None and value < 0:
+            text = f"limit {key} negative, taken as unknown, of joints {{}}"
             reading.remark("robot.bad-limits", text, f"'{name}'", element, key)
     return Limits(
-        position=position,
+        position=_find_range(reading, name, element, type_, (low, high)),
         velocity=float(velocity) if velocity and velocity > 0 else None,
         torque=float(effort) if effort and effort > 0 else None,
     )
+
+
+def _find_range(
+    reading: Reading, name: str, element: Element, type_: str, ends: tuple[Decimal | None, Decimal | None]
+) -> tuple[float, float] | None:
+    """Return the limits of the position, None where they are no range or one of them is endless."""
+    endless = [key for key in ("lower", "upper") if is_endless(element, key)]
+    if type_ == "continuous":
+        if endless or ends != (None, None):
+            reading.skip("lower and upper in <limit> of a continuous joint", element)
+        return None
+    if endless:
+        text = "a position limit is infinite, so none is used, of joints {}"
+        reading.remark("robot.endless-limits", text, f"'{name}'", element, endless[0])
+        return None
+    if ends == (None, None):
+        return None
+    # An absent limit of the two is zero.
+    low, high = (float(end or 0) for end in ends)
+    if low >= high:
+        if low or high:
+            text = f"joint '{name}': limit: lower {low:g} is not less than upper {high:g}; not used"
+            reading.warn("robot.bad-limits", text, element, "lower")
+        return None
+    if type_ == "revolute" and (doubt := explain_wide_limits(low, high)):
+        reading.warn("robot.large-angle", f"joint '{name}': limit: {doubt}", element, "lower")
+    return (low, high)

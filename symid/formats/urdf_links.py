@@ -16,7 +16,7 @@ import numpy as np
 
 from symid.arrays import FloatArray
 from symid.formats.urdf_elements import Element
-from symid.formats.urdf_values import Reading, find_only, read_decimal, read_name, read_vector
+from symid.formats.urdf_values import Reading, find_only, read_decimal, read_name, read_vector, refuse_text
 from symid.robot.inertia import find_impossibility, find_standard_parameters, move_parameters
 
 __all__ = ["UrdfLink", "read_links", "warn_of_origin"]
@@ -84,6 +84,7 @@ def _read_inertial(reading: Reading, name: str, link: Element) -> tuple[float, .
     origin = find_only(reading, owner, inertial, "origin")
     if origin is not None:
         reading.skip_others(origin, (), ("xyz", "rpy"))
+        refuse_text(reading, owner, origin, 'xyz="0 0 0.1" rpy="0 0 0"')
         com = read_vector(reading, owner, origin, "xyz") or com
         rpy = read_vector(reading, owner, origin, "rpy") or (Decimal(0),) * 3
         warn_of_origin(reading, owner, origin, com, rpy)

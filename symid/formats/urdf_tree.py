@@ -114,7 +114,9 @@ def _find_root(
     robot = reading.document.root
     if not joints:
         if not robot.find("joint"):
-            text = "no <joint> in the file, and a robot needs one that moves"
+            prefixed = next((child.tag for child in robot.children if child.tag.endswith(":joint")), "")
+            found = f"; <{prefixed}> is another tag: write <joint>" if prefixed else ""
+            text = f"no <joint> in the file, and a robot needs one that moves{found}"
             reading.refuse("robot.no-joints", text, robot)
         return None
     roots = [name for name in links if name not in above]

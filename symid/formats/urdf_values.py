@@ -20,15 +20,18 @@ from symid.formats.urdf_elements import Document, Element
 __all__ = [
     "Reading",
     "find_only",
+    "is_endless",
     "list_words",
     "read_decimal",
     "read_name",
     "read_vector",
+    "refuse_text",
 ]
 
 _DECIMAL = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
 _LONGEST = 100
 _DUST = Decimal("1e-30")
+_LOOKS = ("visual", "collision", "material", "gazebo")
 _SHOWN = 3
 _WORDS = 6
 
@@ -38,13 +41,15 @@ class Reading:
     """A URDF that is being read: what is wrong, what is worth saying, what is not used.
 
     `unused` holds, for each kind of thing that symid does not use, where it stands; `grouped` the same for
-    remarks that are made once: (code, text) and the places.
+    remarks that are made once: (code, text) and the places; `looks` where the tags stand that are for the eye
+    and for simulators.
     """
 
     document: Document
     report: Report
     unused: dict[str, list[Place]] = field(default_factory=dict)
     grouped: dict[tuple[str, str], list[tuple[str, Place]]] = field(default_factory=dict)
+    looks: dict[str, list[Place]] = field(default_factory=dict)
 
     @staticmethod
     def of(document: Document) -> "Reading":
@@ -70,11 +75,15 @@ class Reading:
         self.unused.setdefault(kind, []).append(self.document.find_place(element, attribute))
 
     def skip_others(self, element: Element, tags: Iterable[str], attributes: Iterable[str]) -> None:
-        """Remember all inside `element` that has none of these names."""
+        """Remember all inside `element` that has none of these names, and the text between its tags."""
         known = tuple(tags)
         for child in element.children:
-            if child.tag not in known:
+            if child.tag in _LOOKS:
+                self.looks.setdefault(child.tag, []).append(self.document.find_place(child))
+            elif child.tag not in known:
                 self.skip(f"<{child.tag}> in <{element.tag}>", child)
+        if element.text:
+            self.skip(f'the text "{show(element.text)}" in <{element.tag}>', element)
         known = tuple(attributes)
         for name in element.attributes:
             if name not in known:
@@ -87,6 +96,11 @@ class Reading:
             often = "once" if len(places) == 1 else f"{len(places)} times"
             text = f"not used: {kind} ({often}, {_describe_places(places)})"
             notices.append(_at("robot.urdf-unused", text, places[0]))
+        if self.looks:
+            counts = ", ".join(f"<{tag}> ({len(places)})" for tag, places in self.looks.items())
+            first = min((place for places in self.looks.values() for place in places), key=_order)
+            text = f"not used, and not needed for the dynamics: {counts}"
+            notices.append(_at("robot.urdf-unused", text, first))
         for (code, words), found in self.grouped.items():
             text = words.format(list_words(name for name, _ in found))
             notices.append(_at(code, text, found[0][1]))
@@ -94,6 +108,10 @@ class Reading:
 
     def _notice(self, code: str, text: str, element: Element, attribute: str) -> Notice:
         return _at(code, text, self.document.find_place(element, attribute))
+
+
+def _order(place: Place) -> tuple[int, int]:
+    return (place.line, place.column)
 
 
 def _at(code: str, text: str, place: Place) -> Notice:
@@ -139,6 +157,19 @@ def _explain(text: str) -> str:
     return ""
 
 
+def is_endless(element: Element, attribute: str) -> bool:
+    """Return whether the attribute says "inf", with either sign."""
+    return element.attributes.get(attribute, "").strip().lstrip("+-").lower() in {"inf", "infinity"}
+
+
+def refuse_text(reading: Reading, owner: str, element: Element, example: str) -> None:
+    """Add an error where numbers stand between the tags, and not in attributes."""
+    if element.text and not {"xyz", "rpy"} & set(element.attributes):
+        words = f'{owner}: <{element.tag}> has text, "{show(element.text)}", and no xyz'
+        text = f"{words}; numbers stand in attributes: write <{element.tag} {example}/>"
+        reading.refuse("robot.stray-text", text, element)
+
+
 def read_decimal(
     reading: Reading, owner: str, element: Element, attribute: str, *, endless: bool = False
 ) -> Decimal | None:
@@ -154,7 +185,7 @@ def read_decimal(
     text = element.attributes.get(attribute) if attribute else element.text
     if text is None:
         return None
-    if endless and text.strip().lstrip("+-").lower() in {"inf", "infinity"}:
+    if endless and is_endless(element, attribute):
         return None
     number = _to_number(text.strip())
     if number is None:

@@ -5,7 +5,8 @@ and the same values up to the rounding of a change of frame.
 
 Supported: everything a robot file can say. A joint is placed by a row of the convention where it has
 one, else by its origin.
-Not supported: links with values that no body has; their values are left out, and a comment says so.
+Links with values that no body has are written as standard parameters, which readers keep with a warning.
+Not supported: negative masses; the link's values are left out, and a comment says so.
 """
 
 import math
@@ -27,6 +28,7 @@ from symid.formats.written_values import (
     write_standard_row,
     write_value,
 )
+from symid.notation import INERTIAL
 from symid.robot.axis_frames import invert_placement
 from symid.robot.description import Coupling, Drive, FrictionKind, FrictionValues, Joint, JointKind, Robot
 from symid.robot.geometry import IDENTITY, Placement, compose_placements
@@ -39,6 +41,7 @@ _TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")
 _COMMENT_COLUMN = 35
 _UNKNOWN = '"unknown"'
 _DIGITS = 14
+_DUST = 1e-30
 
 
 def write_robot(robot: Robot, *, comment: str = "", hints: bool = False) -> str:
@@ -157,13 +160,32 @@ def _write_link(joint: Joint, symbols: Mapping[str, float]) -> Iterator[str]:
         if inertia:
             yield f"inertia = {{ {', '.join(f'{key} = {text}' for key, text in inertia.items())} }}"
     elif joint.inertial is not None:
-        impossible = (
-            "its mass is not positive" if joint.inertial[9] <= 0 else find_impossibility(joint.inertial)
-        )
-        if impossible:
-            yield from ("", f"# the link's values are left out: {impossible}")
+        mass = joint.inertial[9]
+        if mass < 0:
+            yield from ("", "# the link's values are left out: its mass is negative")
+        elif not mass or find_impossibility(joint.inertial):
+            yield from _write_standard(joint.inertial, joint.frame, symbols)
         else:
             yield from _write_body(joint.inertial, joint.frame, symbols)
+
+
+def _write_standard(
+    parameters: Sequence[float], frame: Placement, symbols: Mapping[str, float]
+) -> Iterator[str]:
+    """Yield the ten parameters about the origin of the frame that the file gives to the link."""
+    rotation = np.array([[entry.to_float() for entry in row] for row in frame.rotation])
+    origin = np.array([entry.to_float(symbols) for entry in frame.translation])
+    moved = move_parameters(parameters, rotation.T, -rotation.T @ origin)
+    scales = ((moved[:6], parameters[:6]), (moved[6:9], parameters[6:9]))
+    values = [entry for new, old in scales for entry in _round(new, max(abs(part) for part in (*new, *old)))]
+    named = [(key, entry) for key, entry in zip(INERTIAL, (*values, moved[9]), strict=True)]
+    listed = ", ".join(f"{key} = {write_number(entry)}" for key, entry in named if entry or key == "M")
+    why = "no body has these values" if any(parameters) else "no mass"
+    yield from (
+        "",
+        "[joint.link]",
+        f"standard = {{ {listed} }}  # {why}; kg m^2, kg m, kg, about the frame's origin",
+    )
 
 
 def _write_body(parameters: Sequence[float], frame: Placement, symbols: Mapping[str, float]) -> Iterator[str]:
@@ -186,7 +208,8 @@ def _write_body(parameters: Sequence[float], frame: Placement, symbols: Mapping[
 def _round(values: Iterable[float], scale: float) -> list[float]:
     """Return `values` without the rounding of sums of the size `scale`, which hides their short decimals."""
     places = _DIGITS - math.floor(math.log10(scale)) if scale else _DIGITS
-    return [round(float(value), places) + 0.0 for value in values]
+    rounded = (round(float(value), places) for value in values)
+    return [value if abs(value) > _DUST else 0.0 for value in rounded]
 
 
 def _write_drive(drive: Drive) -> Iterator[str]:

@@ -10,11 +10,13 @@ of the first joint after it. What the form leaves open is chosen so that theta a
 
 Supported: trees of revolute and prismatic joints, symbolic lengths. A normal whose direction is no number of
 the field of sqrt(2) and sqrt(3) is met to the digits of a double (`settling`); parallel axes with such a
-distance between them, written in decimals, keep the frame, and its exact numbers.
+distance between them keep the frame, and its exact numbers, where its two parts have few digits: somebody
+chose them. Axes that are nearly parallel have their common normal far away; the origin is then left open.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from math import atan2, hypot
 
 import numpy as np
@@ -23,22 +25,33 @@ from symid.robot.axis_frames import invert_placement, to_floats
 from symid.robot.description import Joint
 from symid.robot.geometry import IDENTITY, ONE, ZERO, Exact, Placement, Row, compose_placements, find_angle
 from symid.robot.inertia import move_parameters
-from symid.robot.settling import SMALLEST_LENGTH, SMALLEST_SNAP, is_long, settle_placement
+from symid.robot.settling import SMALLEST_LENGTH, SMALLEST_SNAP, settle_placement
 from symid.robot.surds import find_inverse, find_root
 
 __all__ = ["Reframed", "reframe_joints"]
 
 _Direction = tuple[Exact, Exact]
 _KEPT: _Direction = (ONE, ZERO)
-_WRITTEN = 10**12
+# Digits of a length that somebody chose; programs write six and more.
+_CHOSEN_DIGITS = 4
+_DECIMALS = 10**30
+# A common normal further away than this many times the robot's longest length is that of parallels.
+_FARTHEST = 10
+# Below this angle (rad) between axes, parameters depend on digits that few files have.
+_NEARLY_PARALLEL = 1e-2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reframed:
-    """Joints with other link frames, and for each how far its axes were moved to get exact numbers (rad)."""
+    """Joints with other link frames.
+
+    For each joint, `moved_by` is how far its axes or its link's frame of the file were moved to get exact
+    numbers (rad); `tilts` is the angle to the axis of its parent (rad) where these are nearly parallel, or 0.
+    """
 
     joints: tuple[Joint, ...]
     moved_by: tuple[float, ...]
+    tilts: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,28 +83,42 @@ def reframe_joints(
     children: dict[int, Joint] = {}
     for joint in joints:
         children.setdefault(joint.parent, joint)
+    farthest = _FARTHEST * max((_find_length(joint.placement, values) for joint in joints), default=0.0)
     moves: list[Placement] = []
-    found, moved_by = [], []
+    found, moved_by, tilts = [], [], []
     for index, joint in enumerate(joints):
         before = IDENTITY if joint.parent < 0 else moves[joint.parent]
         placement = joint.placement
         if before != IDENTITY:
             placement = compose_placements(invert_placement(before), placement)
         choice = _choose(children[index].placement, values, tolerance) if index in children else _Choice()
+        choice = _limit_shift(placement, choice, farthest, values)
         move = _find_move(placement, choice, tolerance)
         moves.append(move)
         settled = settle_placement(compose_placements(placement, move), values, snap=snap)
         back = invert_placement(move)
+        framed = settle_placement(compose_placements(back, joint.frame), values, snap=snap)
         found.append(
             replace(
                 joint,
                 placement=settled.placement,
-                frame=settle_placement(compose_placements(back, joint.frame), values, snap=snap).placement,
+                frame=framed.placement,
                 inertial=joint.inertial and _move_inertial(joint.inertial, back, values),
             )
         )
-        moved_by.append(settled.moved_by)
-    return Reframed(joints=tuple(found), moved_by=tuple(moved_by))
+        moved_by.append(max(settled.moved_by, framed.moved_by))
+        tilts.append(0.0 if joint.parent < 0 else _find_tilt(settled.placement))
+    return Reframed(joints=tuple(found), moved_by=tuple(moved_by), tilts=tuple(tilts))
+
+
+def _find_length(placement: Placement, symbols: Mapping[str, float]) -> float:
+    return hypot(*(value.to_float(symbols) for value in placement.translation))
+
+
+def _find_tilt(placement: Placement) -> float:
+    """Return the angle between the z axes (rad) where it is small and not zero, else zero."""
+    tilt = hypot(placement.rotation[0][2].to_float(), placement.rotation[1][2].to_float())
+    return tilt if SMALLEST_SNAP < tilt < _NEARLY_PARALLEL else 0.0
 
 
 def _move_inertial(
@@ -115,12 +142,40 @@ def _choose(child: Placement, symbols: Mapping[str, float], tolerance: float) ->
     if hypot(ux.to_float(), uy.to_float()) <= tolerance:
         if hypot(px.to_float(symbols), py.to_float(symbols)) <= SMALLEST_LENGTH:
             return _Choice()
-        # Lengths that somebody wrote stay exact; those that a program rotated are rounded anyway.
-        written = not ux and not uy and not any(is_long(value, _WRITTEN) for value in (px, py))
-        return _Choice(direction=_find_direction(px, py) or (_KEPT if written else _aim(px, py, symbols)))
+        # Lengths that somebody chose stay exact; those that a program rotated are rounded anyway.
+        chosen = not ux and not uy and _is_chosen(px) and _is_chosen(py)
+        return _Choice(direction=_find_direction(px, py) or (_KEPT if chosen else _aim(px, py, symbols)))
     direction = _find_direction(-uy, ux) or _aim(-uy, ux, symbols)
     along = (px * ux + py * uy) * find_inverse(ux * ux + uy * uy)
     return _Choice(direction=direction, shift=pz - uz * along)
+
+
+def _is_chosen(value: Exact) -> bool:
+    """Return whether all numbers in a length are decimals of few digits."""
+    return all(_has_few_digits(part) for _, surd in value.terms for part in surd[:1]) and not any(
+        part for _, surd in value.terms for part in surd[1:]
+    )
+
+
+def _has_few_digits(value: Fraction) -> bool:
+    whole = abs(value) * _DECIMALS
+    return whole.denominator == 1 and len(str(whole.numerator).strip("0")) <= _CHOSEN_DIGITS
+
+
+def _limit_shift(
+    placement: Placement, choice: _Choice, farthest: float, symbols: Mapping[str, float]
+) -> _Choice:
+    """Return the choice with the shift left open where it leads beyond `farthest` (m)."""
+    if choice.shift is None:
+        return choice
+    offset = (choice.shift + _find_offset(placement)).to_float(symbols)
+    return choice if abs(offset) <= farthest else replace(choice, shift=None)
+
+
+def _find_offset(placement: Placement) -> Exact:
+    """Return where the origin stands along its own z axis, seen from the parent's origin."""
+    x, y, z = (row[2] * t for row, t in zip(placement.rotation, placement.translation, strict=True))
+    return x + y + z
 
 
 def _find_direction(x: Exact, y: Exact) -> _Direction | None:
@@ -160,8 +215,7 @@ def _find_move(placement: Placement, choice: _Choice, tolerance: float) -> Place
     cosine, sine = direction if first > 0 else (-direction[0], -direction[1])
     shift = choice.shift
     if shift is None:
-        x, y, z = (u * t for u, t in zip(columns[2], placement.translation, strict=True))
-        shift = -(x + y + z)
+        shift = -_find_offset(placement)
     rotation = ((cosine, -sine, ZERO), (sine, cosine, ZERO), (ZERO, ZERO, ONE))
     return Placement(rotation=rotation, translation=(ZERO, ZERO, shift))
 

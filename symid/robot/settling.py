@@ -36,6 +36,8 @@ SMALLEST_LENGTH = 1e-9
 # One angle with a rational cosine has a denominator of 16 digits, two of them 32.
 _LONGEST_TURN = 10**36
 _LONGEST_LENGTH = 10**12
+# A sum with square roots is no longer than this; beyond it came from decimals, and is one.
+_LONGEST_SURD = 10**8
 _LENGTH_PARTS = 10**12
 _QUATERNION_PARTS = 10**16
 
@@ -100,7 +102,7 @@ def _approximate(r: tuple[tuple[float, ...], ...]) -> Matrix:
 def _settle_translation(placement: Placement, rotation: Matrix, symbols: Mapping[str, float]) -> Row:
     """Return the translation in short numbers: a and d, where it has the modified form."""
     origin = placement.translation
-    if not any(is_long(value, _LONGEST_LENGTH) for value in origin):
+    if not any(is_long(value, _LONGEST_LENGTH if value.is_rational else _LONGEST_SURD) for value in origin):
         return _drop_dust(origin)
     if not all(value.is_number for value in origin):
         return origin

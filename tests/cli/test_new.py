@@ -2,10 +2,12 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from symid.cli.main import run
 from symid.formats.toml import read_robot
+from symid.formats.urdf import read_urdf
 
 TABLE = "joint,alpha,a,d,theta\nshoulder,0,0,0,q\nelbow,0,0.5,0,q\n"
 URDF = """<robot name="arm">
@@ -111,6 +113,12 @@ def test_a_wrong_table_writes_nothing(capsys, tmp_path, table):
         (("--from", "scara", "--tip", "hand"), "usage.call", "--tip belongs to --from-urdf"),
         (("--from", "scara", "--gravity", "0,0,0"), "usage.call", "--gravity belongs to --from-dh"),
         (("--from", "scra"), "usage.unknown-robot", "did you mean scara"),
+        (("--from", "scara", "--gravity", "1e300,0,0"), "usage.call", "belongs to --from-dh"),
+        (
+            ("--from-dh", "rows.csv", "--convention", "modified", "--gravity", "1e300,0,0"),
+            "usage.gravity",
+            "--gravity 1e300,0,0: expected three numbers in m/s^2 of a sensible size",
+        ),
         (
             ("--from-dh", "rows.csv", "--convention", "modified", "--gravity", "9.81"),
             "usage.gravity",
@@ -140,3 +148,68 @@ def test_base_gives_formulas_in_the_symbols_of_the_file(capsys):
     assert found["MY1"] is None
     assert run(["base", "two_link_symbols", "-q"]) == 0
     assert "\nMX2 = lc2*m2 = 0.4  [kg m]\n" in capsys.readouterr().out
+
+
+def test_what_is_new_is_filtered_by_itself(capsys, tmp_path, table):
+    (tmp_path / "arm.urdf").write_text(URDF)
+    sources = (
+        ("--from-urdf", tmp_path / "arm.urdf"),
+        ("--from", tmp_path / "arm.urdf"),
+        ("--from-dh", table, "--convention", "modified"),
+    )
+    for number, options in enumerate(sources):
+        path = tmp_path / f"new{number}.toml"
+        assert call_json(capsys, "new", path, *options)[0] == 0
+        assert "[processing]" not in path.read_text()
+        assert read_robot(path).processing.automatic
+
+
+def test_values_of_a_urdf_that_no_body_has_are_kept(capsys, tmp_path):
+    source = tmp_path / "arm.urdf"
+    source.write_text(URDF.replace('ixx="0.01"', 'ixx="0.01" ').replace('iyy="0.02"', 'iyy="0.2"'))
+    path = tmp_path / "arm.toml"
+    code, _ = call_json(capsys, "new", path, "--from-urdf", source)
+    assert code == 0
+    wanted, found = read_urdf(source), read_robot(path)
+    np.testing.assert_allclose(
+        [joint.inertial for joint in found.joints], [joint.inertial for joint in wanted.joints], atol=1e-13
+    )
+    assert "robot.impossible-inertia" in {notice.code for notice in found.notices}
+    assert found.joints[1].inertial == (0.0,) * 10
+
+
+def test_a_urdf_at_hand_is_converted(capsys, tmp_path):
+    source = tmp_path / "arm"
+    source.write_text("\ufeff\n" + URDF, encoding="utf-8")
+    path = tmp_path / "arm.toml"
+    assert call_json(capsys, "new", path, "--from", source)[0] == 0
+    assert [joint.name for joint in read_robot(path).joints] == ["shoulder", "elbow"]
+
+
+def test_a_joint_called_base_is_renamed(capsys, tmp_path):
+    source = tmp_path / "arm.urdf"
+    source.write_text(URDF.replace('name="shoulder"', 'name="base"'))
+    path = tmp_path / "arm.toml"
+    code, answer = call_json(capsys, "new", path, "--from-urdf", source)
+    assert code == 0
+    assert "robot.renamed" in {entry["code"] for entry in answer["warnings"]}
+    assert read_robot(path).joints[0].name == "base_joint"
+
+
+def test_what_no_robot_file_can_say_is_told_of_the_source(capsys, tmp_path, monkeypatch):
+    source = tmp_path / "arm.urdf"
+    source.write_text(URDF)
+    monkeypatch.setattr("symid.formats.writer.write_robot", lambda *_, **__: 'name = "arm"\n')
+    path = tmp_path / "arm.toml"
+    code, answer = call_json(capsys, "new", path, "--from-urdf", source)
+    assert code == 3
+    assert {(entry["code"], entry["file"]) for entry in answer["errors"]} == {("new.unwritable", str(source))}
+    assert not path.exists()
+
+
+def test_a_robot_file_ends_in_toml(capsys, tmp_path):
+    path = tmp_path / "mine.urdf"
+    code, answer = call_json(capsys, "new", path, "--from", "panda")
+    assert (code, answer["errors"][0]["code"]) == (2, "usage.suffix")
+    assert "such as mine.toml" in answer["errors"][0]["text"]
+    assert not path.exists()

@@ -100,3 +100,18 @@ def test_a_missing_urdf_gets_the_nearest_name(capsys, urdf):
     code, answer = call_json(capsys, "check", urdf.with_name("pandas.urdf"))
     assert code == 2
     assert "panda.urdf?" in answer["errors"][0]["text"]
+
+
+@pytest.mark.parametrize("name", ["arm", "arm.txt"])
+def test_a_urdf_is_known_by_what_it_holds(capsys, urdf, name):
+    path = urdf.with_name(name)
+    path.write_text("\ufeff \n" + urdf.read_text(encoding="utf-8").partition("?>")[2], encoding="utf-8")
+    code, answer = call_json(capsys, "check", path)
+    assert (code, answer["result"]["convention"]) == (0, "urdf")
+
+
+def test_check_counts_one_joint_and_names_origins(capsys, urdf, robots_folder):
+    assert run(["check", str(urdf), "-q", "--tip", "joint1_link"]) == 0
+    assert "panda, 1 joint, URDF: no mistakes" in capsys.readouterr().out
+    assert run(["check", str(robots_folder / "quadruped.toml"), "-q"]) == 0
+    assert "DH" not in capsys.readouterr().out

@@ -6,13 +6,13 @@ import numpy as np
 import pinocchio as pin
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.unit.robot.test_urdf import ARM
 
 from symid.errors import RobotError
 from symid.formats.urdf import parse_urdf
 from symid.formats.urdf_writer import write_urdf
 from symid.robot.description import JointKind
 from tests.chains import build_pinocchio, draw_parameters, trees
+from tests.unit.formats.test_urdf import ARM
 from tests.urdfs import draw_urdf, find_factors, find_largest_gap, find_positions, find_torques
 
 PIECES = (

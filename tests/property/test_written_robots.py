@@ -26,12 +26,14 @@ from symid.robot.description import (
 )
 from symid.robot.geometry import (
     IDENTITY,
+    ZERO,
     Exact,
     Placement,
     compose_placements,
     find_angle,
     rotate_x,
     rotate_z,
+    translate,
 )
 from symid.robot.log_map import Decimation, LogMap, LogQuantity, Processing
 from symid.robot.rotations import (
@@ -226,19 +228,35 @@ def test_symbols_of_links_and_settings_are_written():
     assert (again.log, again.processing, again.symbols) == (log, processing, symbols)
 
 
-def test_values_that_no_body_has_are_left_out_and_said():
+def test_values_that_no_body_has_are_written_as_they_are():
     weightless = Joint(
         name="a", kind=JointKind.REVOLUTE, parent=-1, placement=IDENTITY, inertial=(1.0,) + (0.0,) * 9
     )
+    nothing = dataclasses.replace(weightless, name="c", parent=1, inertial=(0.0,) * 10)
     impossible = dataclasses.replace(
         weightless, name="b", parent=0, inertial=(3.0, 0, 0, 1, 0, 1, 0, 0, 0, 1.0)
     )
-    text = write_robot(Robot(name="1 arm!", joints=(weightless, impossible)))
-    assert "# the link's values are left out: its mass is not positive" in text
-    assert "# the link's values are left out: the principal moments" in text
-    again = parse_robot(text)
-    assert [joint.inertial for joint in again.joints] == [None, None]
+    turn = compose_placements(rotate_x(find_angle(0.3)), translate(Exact.of("0.1"), ZERO, Exact.of("-0.2")))
+    framed = dataclasses.replace(impossible, name="d", parent=2, frame=turn)
+    joints = (weightless, impossible, nothing, framed)
+    again = parse_robot(write_robot(Robot(name="1 arm!", joints=joints)))
     assert again.name == "robot_1_arm_"
+    assert [joint.inertial for joint in again.joints[:3]] == [joint.inertial for joint in joints[:3]]
+    np.testing.assert_allclose(again.joints[3].inertial, framed.inertial, rtol=0, atol=1e-13)
+    assert [notice.code for notice in again.notices] == [
+        "robot.inertia-without-mass",
+        "robot.impossible-inertia",
+        "robot.impossible-inertia",
+    ]
+
+
+def test_a_negative_mass_is_left_out_and_said():
+    joint = Joint(
+        name="a", kind=JointKind.REVOLUTE, parent=-1, placement=IDENTITY, inertial=(0.0,) * 9 + (-1.0,)
+    )
+    text = write_robot(Robot(name="arm", joints=(joint,)))
+    assert "# the link's values are left out: its mass is negative" in text
+    assert parse_robot(text).joints[0].inertial is None
 
 
 def test_hints_without_their_marks_are_valid():

@@ -34,6 +34,10 @@ TABLES = {
         "name;kind;alpha_deg;a_mm;d_mm;theta_deg\r\nshoulder;revolute;0;0;150;0\r\n"
         "elbow;revolute;-90;250;;-90\r\njoint3;;30;0;q+100;\r\n"
     ),
+    "quoted": (
+        '"joint","alpha_deg","a","d","theta"\n"shoulder",0,"0",0.15,q\n'
+        'elbow,-90, "0.25" ,0,"q2 - pi/2" # turned\n3,30,0,"q+0.1",0\n'
+    ),
     "tabs": "joint\talpha_rad\ta_m\td_m\ttheta_rad\nshoulder\t0\t0\t.15\tq1\nelbow\t-pi/2\t.25\t0\tq-pi/2\n"
     "joint3\t30 deg\t0\tq + 0.1\t0\n",
 }
@@ -64,6 +68,13 @@ MISTAKES = [
     ("robot.table-header", "", 1, 1, "joint,kind,alpha,a,d,theta"),
     ("robot.table-header", "joint,kind,alfa,a,d,theta,alpha\na,,0,0,0,q,0\n", 1, 12, "did you mean alpha"),
     ("robot.table-header", "alpha,a,d,theta,a_mm\n0,0,0,q,0\n", 1, 17, "the same as a column before"),
+    (
+        "robot.table-header",
+        "one,,0,0,0,q\ntwo,,0,0,0,q\n",
+        1,
+        1,
+        "no header; the first line names the columns",
+    ),
     ("robot.table-header", "alpha,a,theta\n0,0,q\n", 1, 1, "the columns d are missing"),
     ("robot.missing-key", HEAD, 1, 1, "no rows below the header"),
     ("robot.table-row", HEAD + "one,,0,0,q\n", 2, 1, "5 cells under 6 columns"),
@@ -100,3 +111,11 @@ def test_a_file_that_cannot_be_read_is_told(tmp_path):
         with pytest.raises(RobotError, match=words) as caught:
             read_dh_table(tmp_path / name, "modified")
         assert caught.value.notices[0].code == "robot.unreadable"
+
+
+def test_what_stands_in_quotes_separates_nothing():
+    table = 'joint,alpha,a,d,theta\n"the ""first"", #1",0,0,0,q\n'
+    assert parse_dh_table(table, "modified").joints[0].name == 'the "first", #1'
+    with pytest.raises(RobotError) as caught:
+        parse_dh_table('joint,alpha,a,d,theta\n"a, b",0, "x" ,0,q\n', "modified")
+    assert [(notice.line, notice.column) for notice in caught.value.notices] == [(2, 11)]

@@ -6,6 +6,7 @@ import pytest
 
 from symid.formats.dh_table import parse_dh_table
 from symid.formats.toml import parse_robot, read_robot
+from symid.formats.urdf import parse_urdf
 
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
@@ -58,3 +59,17 @@ def test_the_table_of_robots_is_that_of_the_folder(project, robots_folder):
         base = find_base_parameters(robot)
         friction = f" + {len(base.friction)}" if base.friction else ""
         assert (name, size, counts) == (name, str(robot.size), f"{base.count}{friction}")
+
+
+def test_the_example_of_writing_a_urdf_works_in_any_folder(project, tmp_path, monkeypatch):
+    (block,) = find_blocks(project, "urdf.md", "python")
+    monkeypatch.chdir(tmp_path)
+    found = {}
+    exec(block, found)  # noqa: S102
+    assert len(parse_urdf(found["text"]).joints) == 7
+
+
+def test_the_way_to_install_is_told(project):
+    for name in ("README.md", "docs/quickstart.md"):
+        text = (project / name).read_text(encoding="utf-8")
+        assert re.search(r"python3 -m venv (\S+)\n\1/bin/pip install \.", text)

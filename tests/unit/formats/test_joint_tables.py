@@ -6,6 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from symid.errors import RobotError
 from symid.formats.toml import parse_robot
 from symid.robot.description import Coupling, Elasticity, FrictionKind, JointKind, LinkForm, Mimic, Spring
 from symid.robot.geometry import IDENTITY, Exact, Placement, compose_placements, find_angle, rotate_z
@@ -220,3 +221,40 @@ def test_a_follower_has_no_column_in_the_log():
     text = HEAD + write_joint("a") + write_joint("b", extra='mimic = { joint = "a" }\n') + write_joint("c")
     text += '[log]\nposition = { columns = ["qa", "qc"], unit = "rad" }\n'
     assert parse_robot(text).log.position == LogQuantity(columns=("qa", "qc"), unit="rad")
+
+
+@pytest.mark.parametrize("name", ["Fv1", "Fcn2", "offset2", "KR3", "IAm6", "Fvm6"])
+def test_symbols_do_not_read_as_parameters(name):
+    coupling = '[[coupling]]\nname = "m6"\nterms = { a = 1 }\nrotor_inertia = "unknown"\n'
+    text = HEAD + write_joint("a", extra=f'd = "{name}"\n') + coupling + f"[symbols]\n{name} = 1\n"
+    with pytest.raises(RobotError) as caught:
+        parse_robot(text)
+    (notice,) = caught.value.notices
+    assert notice.code == "robot.bad-name"
+    assert f"symbols: {name}: cannot name a symbol" in notice.text
+
+
+def test_a_term_with_the_factor_zero_has_its_own_remedy():
+    text = HEAD + write_joint("a") + '[[coupling]]\nname = "m6"\nterms = { a = 0 }\n'
+    with pytest.raises(RobotError, match="leave the joint out"):
+        parse_robot(text)
+
+
+def test_a_symbol_of_two_kinds_is_told_in_words():
+    text = 'convention = "modified"\ngravity = [0, 0, "g"]\n' + write_joint("a", extra='d = "g"\n')
+    with pytest.raises(RobotError, match=r"g was a length \(m\) before, and is an acceleration"):
+        parse_robot(text + "[symbols]\ng = 9.81\n")
+
+
+def test_values_that_no_body_has_are_kept_where_they_are_standard():
+    text = HEAD + write_joint("a", extra="link = { standard = { M = 0 } }\n")
+    text += write_joint("b", extra="link = { standard = { M = 1, XX = -1, MY = 0.5 } }\n")
+    robot = parse_robot(text)
+    assert [joint.inertial for joint in robot.joints] == [(0.0,) * 10, (-1.0, *(0.0,) * 6, 0.5, 0.0, 1.0)]
+    assert [notice.code for notice in robot.notices] == ["robot.impossible-inertia"]
+
+
+def test_blanks_around_names_are_pointed_out():
+    text = HEAD + write_joint("a ") + write_joint("b", extra='parent = "a"\n')
+    with pytest.raises(RobotError, match=r'did you mean "a "\? there is a blank at the end of the name'):
+        parse_robot(text)

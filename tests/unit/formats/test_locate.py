@@ -3,7 +3,7 @@
 import pytest
 
 from symid.errors import UsageError
-from symid.formats.locate import find_robot_file, list_robots
+from symid.formats.locate import find_robot_file, is_urdf, list_robots
 
 
 def test_names_are_found_from_any_folder(tmp_path, monkeypatch, robots_folder):
@@ -51,3 +51,30 @@ def test_an_unknown_path_gets_its_neighbours(tmp_path):
         find_robot_file(str(tmp_path / "amr.toml"))
     with pytest.raises(UsageError, match="is a folder"):
         find_robot_file(str(tmp_path))
+
+
+def test_a_name_gets_its_neighbours_in_the_folder_at_hand(tmp_path, monkeypatch):
+    (tmp_path / "arm.urdf").touch()
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UsageError, match=r"did you mean arm\.urdf\?"):
+        find_robot_file("arm.urd")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "expected"),
+    [
+        ("arm", b"<robot/>", True),
+        ("arm.toml", b"\xef\xbb\xbf\n  <?xml?>", True),
+        ("arm.urdf", b"", True),
+        ("arm.toml", b"# <robot/>", False),
+        ("arm", b"name = 1", False),
+    ],
+)
+def test_a_urdf_is_known_by_its_name_or_its_first_letter(tmp_path, name, content, expected):
+    path = tmp_path / name
+    path.write_bytes(content)
+    assert is_urdf(path) == expected
+
+
+def test_what_cannot_be_read_is_no_urdf(tmp_path):
+    assert not is_urdf(tmp_path)

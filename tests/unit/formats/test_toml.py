@@ -117,7 +117,7 @@ MISTAKES = [
     ("robot.unknown-symbol", HEAD + "[symbols]\nL1 = 2\n" + JOINT + 'a = "L2"\n', 8, 5, "did you mean L1?"),
     ("robot.out-of-range", HEAD + JOINT + "link = { mass = -1 }\n", 6, 17, "greater than 0 kg, got -1"),
     ("robot.out-of-range", HEAD + JOINT + "link = { mass = 0 }\n", 6, 17, "greater than 0 kg, got 0"),
-    ("robot.out-of-range", HEAD + JOINT + "link = { standard = { M = 0.0 } }\n", 6, 27, "greater than 0 kg"),
+    ("robot.out-of-range", HEAD + JOINT + "link = { standard = { M = -1.0 } }\n", 6, 27, "at least 0 kg"),
     ("robot.out-of-range", HEAD + JOINT + "drive = { gear = 0 }\n", 6, 18, "must not be 0"),
     ("robot.out-of-range", HEAD + JOINT + "limits = { position = [1, -1] }\n", 6, 23, "less than the upper"),
     ("robot.out-of-range", HEAD + JOINT + "[processing]\nfilter_cutoff = -5\n", 7, 17, "greater than 0 Hz"),
@@ -138,9 +138,9 @@ MISTAKES = [
     ),
     (
         "robot.impossible-inertia",
-        HEAD + JOINT + "link = { standard = { M = 1, MX = 1, XX = 0.1, YY = 0.5, ZZ = 0.5 } }\n",
+        HEAD + JOINT + "link = { mass = 1, inertia = { xx = 0.1, yy = 0.1, xy = 0.5, zz = 0.5 } }\n",
         6,
-        21,
+        30,
         "none can be negative",
     ),
     (
@@ -461,6 +461,28 @@ REMARKS = [
         8,
         "joint 'flange': kind: fixed; its link belongs to the link of joint 'shoulder', which gets no",
     ),
+    (
+        "robot.impossible-inertia",
+        "link = { standard = { M = 1, MX = 1, XX = 0.1, YY = 0.5, ZZ = 0.5 } }\n",
+        6,
+        21,
+        "no body has these values, and they are kept: the principal moments",
+    ),
+    (
+        "robot.inertia-without-mass",
+        "link = { standard = { M = 0, XX = 0.1 } }\n",
+        6,
+        21,
+        "no mass (M = 0), but other values",
+    ),
+    (
+        "robot.negative-stiffness",
+        "spring = { stiffness = -2, rest = 0 }\n",
+        6,
+        24,
+        "-2 pushes the joint away from rest",
+    ),
+    ("robot.large-angle", "limits = { position = [-180, 180] }\n", 6, 23, "are these degrees?"),
     ("robot.unused-symbol", "[symbols]\nL1 = 0.5\n", 7, 6, "nothing in the file uses this symbol"),
 ]
 

@@ -299,3 +299,61 @@ def test_files_that_cannot_be_read(tmp_path):
     with pytest.raises(RobotError) as caught:
         read_urdf(tmp_path / "latin.urdf")
     assert "UTF-8" in caught.value.notices[0].text
+
+
+@pytest.mark.parametrize(
+    ("inner", "words"),
+    [
+        (
+            "<axis>0 0 1</axis>",
+            '<axis> has text, "0 0 1", and no xyz; numbers stand in attributes: write <axis xyz=',
+        ),
+        ("<origin>0 0 1</origin>", 'write <origin xyz="0 0 0.1" rpy="0 0 0"/>'),
+    ],
+)
+def test_numbers_between_tags_are_refused(inner, words):
+    (notice,) = refuse(build(joint("j", inner=inner), joint("k", "b", "c")))
+    assert (notice.code, notice.line) == ("robot.stray-text", 3)
+    assert words in notice.text
+
+
+def test_the_place_of_an_inertia_between_tags_is_refused():
+    (notice,) = refuse(inertial('<origin>1 0 0</origin><mass value="1"/>'))
+    assert notice.code == "robot.stray-text"
+
+
+def test_two_rotor_inertias_that_differ_are_refused():
+    line = transmission("<motorInertia>1e-3</motorInertia><rotorInertia>5e-3</rotorInertia>")
+    (notice,) = refuse(build(GOOD, line))
+    assert notice.code == "robot.two-forms"
+    assert "two rotor inertias that differ, 0.001 and 0.005; keep one" in notice.text
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (
+            '<link name="c"/>',
+            '<link name="c "/>',
+            'did you mean "c "? there is a blank at the end of the name there',
+        ),
+        (
+            'child link="c"',
+            'child link=" c"',
+            'did you mean "c"? there is a blank at the start of the name here',
+        ),
+    ],
+)
+def test_blanks_around_names_are_explained(old, new, words):
+    assert words in refuse(build(GOOD).replace(old, new))[0].text
+
+
+def test_blanks_in_the_name_of_a_tip_are_explained():
+    assert 'did you mean "c"? there is a blank at the end' in refuse(build(GOOD), tip="c ")[0].text
+
+
+def test_tags_with_a_prefix_are_explained():
+    (notice,) = refuse('<u:robot xmlns:u="x"/>')
+    assert "tags with a prefix are not read" in notice.text
+    text = build(GOOD).replace("<joint ", "<u:joint ").replace("</joint>", "</u:joint>")
+    assert "<u:joint> is another tag: write <joint>" in refuse(text)[0].text

@@ -172,3 +172,11 @@ def test_a_massless_link_is_written():
     joint = dataclasses.replace(build_joint(0, (0.0, 0, 0, "q")), inertial=(0.0,) * 5 + (2.0,) + (0.0,) * 4)
     back = parse_urdf(write_urdf(Robot(name="m", joints=(joint,))))
     assert back.joints[0].inertial == joint.inertial
+
+
+def test_limits_that_are_unknown_come_back_without_a_word(robots_folder):
+    panda = read_robot(robots_folder / "panda.toml")
+    unlimited = [dataclasses.replace(joint, limits=Limits()) for joint in panda.joints]
+    robot = parse_urdf(write_urdf(dataclasses.replace(panda, joints=tuple(unlimited))))
+    assert {joint.limits for joint in robot.joints} == {Limits()}
+    assert [notice.code for notice in robot.notices] == ["robot.assumed-gravity"]

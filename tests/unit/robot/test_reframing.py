@@ -1,6 +1,7 @@
 """Frames that depend on the robot alone: the same numbers whatever frames an author chose."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pinocchio as pin
@@ -219,3 +220,56 @@ def test_nearly_parallel_axes_become_parallel_and_that_is_said():
     free = reframe_joints((first, second), snap=0)
     assert free.moved_by[1] < 1e-12
     assert free.joints[1].placement.rotation[2][1].to_float() == pytest.approx(3e-6)
+
+
+def test_a_frame_of_the_file_that_is_moved_is_said():
+    first = build_joint(0, (0.0, 0, 0, "q"))
+    moved = dataclasses.replace(first, frame=rotate_z(find_angle(np.pi / 2 + 4e-6, snap=0)))
+    reframed = reframe_joints((moved,))
+    assert [str(value) for value in reframed.joints[0].frame.rotation[0]] == ["0", "-1", "0"]
+    assert reframed.moved_by[0] == pytest.approx(4e-6, rel=1e-3)
+
+
+def test_a_common_normal_far_away_leaves_the_origin_at_the_robot():
+    first = build_joint(0, (0.0, 0, 0.1, "q"))
+    tilted = compose_placements(
+        translate(Exact.of("0.3"), Exact.of("0.2"), Exact()),
+        place_modified_dh(find_angle(1e-4), Exact(), Exact(), find_angle(0)),
+    )
+    second = dataclasses.replace(build_joint(1, (0.0, 0, 0, "q")), placement=tilted)
+    reframed = reframe_joints((first, second))
+    lengths = [value.to_float() for joint in reframed.joints for value in joint.placement.translation]
+    assert max(abs(length) for length in lengths) < 1
+    assert reframed.tilts == (0.0, pytest.approx(1e-4, rel=1e-6))
+    steep = place_modified_dh(find_angle(0.3), Exact.of("0.3"), Exact(), find_angle(0))
+    second = dataclasses.replace(second, placement=steep)
+    assert reframe_joints((first, second)).tilts == (0.0, 0.0)
+
+
+def strip_numbers(expression):
+    return re.sub(r"~?\d+\.\d+", "#", str(expression))
+
+
+def write_digits(text, digits):
+    """Return a URDF whose decimals have at most so many places."""
+    return re.sub(
+        r"-?\d+\.\d+(?:e[-+]\d+)?", lambda match: f"{round(float(match[0]), digits):.{digits}f}", text
+    )
+
+
+@pytest.mark.parametrize("digits", [6, 9, 12, 17])
+@pytest.mark.parametrize("turns", [TURNS, ()], ids=["multiples", "any"])
+def test_the_frame_does_not_depend_on_the_digits_of_the_file(digits, turns):
+    robot = build_robot("ur5")
+    text = write_urdf(choose_frames(robot, np.random.default_rng(3), turns))
+    found = parse_urdf(write_digits(text, digits))
+    for mine, other in zip(found.joints, robot.joints, strict=True):
+        for value, wanted in zip(mine.placement.translation, other.placement.translation, strict=True):
+            assert value.is_rational
+            assert value.to_float() == pytest.approx(wanted.to_float(), abs=10.0 ** (2 - digits) + 1e-12)
+    if digits < 12:
+        return
+    base, wanted = find_base_parameters(found), find_base_parameters(robot)
+    assert [entry.name for entry in base.parameters] == [entry.name for entry in wanted.parameters]
+    for mine, other in zip(base.parameters, wanted.parameters, strict=True):
+        assert strip_numbers(mine.expression) == strip_numbers(other.expression)
