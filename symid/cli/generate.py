@@ -107,10 +107,8 @@ def _count(functions: "Functions") -> dict[str, dict[str, int]]:
     from dataclasses import asdict
 
     from symid.codegen.instructions import count_operations
-    from symid.codegen.program import build_program
 
-    pairs = zip(functions.functions, functions.card.functions, strict=True)
-    return {spec.name: asdict(count_operations(build_program(function, spec))) for function, spec in pairs}
+    return {program.spec.name: asdict(count_operations(program)) for program in functions.programs}
 
 
 def run_selftest(folder: Path, target: str, console: Console) -> tuple[str, tuple[Notice, ...]]:

@@ -1,5 +1,6 @@
 """`symid simulate ROBOT -o LOG`: an experiment on the computer, logged like a real one."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,7 @@ if TYPE_CHECKING:  # these load numpy
     import numpy as np
 
     from symid.excitation.trajectories import Trajectory
-    from symid.robot.description import Robot
+    from symid.robot.description import Coupling, FrictionValues, Joint, Robot
     from symid.simulation.experiment import ExperimentOptions
 
 __all__ = ["build_options", "build_trajectory", "command"]
@@ -34,7 +35,11 @@ _SUFFIXES = (".npz", ".csv")
     help="A random Fourier series, or one of the published trajectories.",
 )
 @click.option(
-    "--joint", type=click.IntRange(min=1), default=1, show_default=True, help="Joint that tb moves."
+    "--joint",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    help="Joint that tb moves; those that follow another do not count.",
 )
 @click.option("--duration", type=FiniteRange(min=0.0, min_open=True), metavar="S", help="Length in s.")
 @click.option(
@@ -110,18 +115,35 @@ def _check_suffix(path: Path) -> None:
         raise OutputError(Notice(code="output.unknown-suffix", text=text, file=str(path)))
 
 
+def _list_friction_gap(friction: "FrictionValues") -> Iterator[str]:
+    if friction.kind.value != "none" and friction.values is None:
+        yield f"the values of friction {friction.kind.value}"
+
+
+def _list_joint_gaps(joint: "Joint") -> Iterator[str]:
+    if joint.inertial is None:
+        yield "[joint.link] mass, com and inertia"
+    if joint.drive.has_rotor and joint.drive.rotor_inertia is None:
+        yield "the rotor_inertia of [joint.drive]"
+    if joint.spring is not None and None in (joint.spring.stiffness, joint.spring.rest):
+        yield "stiffness and rest of [joint.spring]"
+    yield from _list_friction_gap(joint.friction)
+
+
+def _list_coupling_gaps(coupling: "Coupling") -> Iterator[str]:
+    if coupling.has_rotor and coupling.rotor_inertia is None:
+        yield "the rotor_inertia"
+    yield from _list_friction_gap(coupling.friction)
+
+
 def _check_values(robot: "Robot") -> None:
     """Refuse a robot whose file lacks values, before minutes go into its derivation."""
-    lacking = []
-    for joint in robot.axes:
-        if joint.inertial is None:
-            lacking.append(f"joint '{joint.name}': [joint.link] mass, com and inertia")
-        if joint.drive.has_rotor and joint.drive.rotor_inertia is None:
-            lacking.append(f"joint '{joint.name}': the rotor_inertia of [joint.drive]")
-        if joint.friction.kind.value != "none" and joint.friction.values is None:
-            lacking.append(
-                f"joint '{joint.name}': the values of [joint.friction] {joint.friction.kind.value}"
-            )
+    lacking = [f"joint '{joint.name}': {gap}" for joint in robot.joints for gap in _list_joint_gaps(joint)]
+    lacking += [
+        f"coupling '{coupling.name}': {gap}"
+        for coupling in robot.couplings
+        for gap in _list_coupling_gaps(coupling)
+    ]
     if lacking:
         text = f"cannot be simulated, these values are not stated: {'; '.join(lacking)}"
         raise RobotError(Notice(code="robot.no-values", text=text, file=robot.path))

@@ -38,7 +38,9 @@ class HeaderContext:
     prefix: str
     macro: str
     robot: str
+    extent: str
     joint_count: int
+    link_count: int
     beta_count: int
     beta_macro: str
     beta_title: str

@@ -1,6 +1,6 @@
 """A C99 library that stands alone: header, one file a function, self-test, example, build files.
 
-Input: CasADi functions with their model card. Output: `SourceSet`.
+Input: `Functions`: programs with their model card. Output: `SourceSet`.
 
 Functions -> programs and reference values -> contexts -> templates -> sources.
 
@@ -100,7 +100,9 @@ def _write_header(material: Material) -> str:
         prefix=material.prefix,
         macro=_find_macro(material),
         robot=material.robot,
+        extent=material.extent,
         joint_count=card.size,
+        link_count=card.links,
         beta_count=len(card.beta),
         beta_macro=card.vector.upper(),
         beta_title=material.beta_title,

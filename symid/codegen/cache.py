@@ -69,7 +69,8 @@ def _keep_model(robot: Robot) -> Robot:
     """Return `robot` without what its functions do not depend on."""
 
     def keep(joint: Joint) -> Joint:
-        return replace(joint, limits=Limits(), drive=replace(joint.drive, torque_constant=None))
+        drive = replace(joint.drive, torque_constant=None)
+        return replace(joint, limits=Limits(), drive=drive, elasticity=None)
 
     return replace(
         robot,

@@ -1,9 +1,10 @@
 """The catalogue as CasADi functions over SX, in base parameters.
 
-Input: a robot. Output: `Functions`: the model card and one SX function per entry of the catalogue, with
-inputs and outputs named, ordered and shaped as its spec says; one of shape (n, 3, 3) is an n x 9 matrix.
+Input: a robot. Output: `Functions`: the model card, one program and one SX function per entry of the
+catalogue, with inputs and outputs named, ordered and shaped as its spec says; of shape (n, 3, 3), they are
+n x 9 matrices.
 
-Robot -> BaseParameters -> card;  Robot -> routes -> the program with the fewest operations -> function.
+Robot -> BaseParameters -> card;  Robot -> routes -> the program with the fewest operations -> SX function.
 
 Supported: rigid robots, symbolic lengths with a value.
 Not supported: symbolic lengths without a value (RobotError).
@@ -15,6 +16,7 @@ import casadi as ca
 
 from symid.codegen.catalogue import find_robot_specs
 from symid.codegen.functions import ModelCard
+from symid.codegen.instructions import Program
 from symid.codegen.model_card import build_model_card
 from symid.codegen.routes import choose_route
 from symid.codegen.sx_functions import build_function
@@ -28,9 +30,13 @@ __all__ = ["Functions", "build_functions"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Functions:
-    """A model card and its SX functions, in the card's order."""
+    """A model card, and in its order the chosen programs and the SX functions built from them.
+
+    Code is printed from the programs; what CasADi makes of them on the way is for its users.
+    """
 
     card: ModelCard
+    programs: tuple[Program, ...]
     functions: tuple[ca.Function, ...]
 
 
@@ -57,5 +63,9 @@ def build_functions(
             text = f"function '{name}' is not in the catalogue; there are {', '.join(known)}"
             raise UsageError(Notice(code="usage.unknown-function", text=text))
     specs = tuple(spec for spec in catalogue if names is None or spec.name in names)
-    functions = tuple(build_function(choose_route(robot, base, spec).program) for spec in specs)
-    return Functions(card=build_model_card(robot, base, specs), functions=functions)
+    programs = tuple(choose_route(robot, base, spec).program for spec in specs)
+    return Functions(
+        card=build_model_card(robot, base, specs),
+        programs=programs,
+        functions=tuple(map(build_function, programs)),
+    )

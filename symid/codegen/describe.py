@@ -7,15 +7,12 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
-import casadi as ca
-
 from symid import __version__
 from symid.codegen.casadi_functions import Functions
-from symid.codegen.functions import JointCard, ModelCard, ParameterCard, write_model_card
+from symid.codegen.functions import FollowerCard, JointCard, ModelCard, ParameterCard, write_model_card
 from symid.codegen.instructions import Operations, Program, count_operations
 from symid.codegen.names import clean_text, find_prefix
 from symid.codegen.options import GenerateOptions
-from symid.codegen.program import build_program
 from symid.codegen.reference import Reference, build_references
 from symid.codegen.writer import find_digest
 
@@ -38,19 +35,36 @@ class Material:
     programs: tuple[Program, ...]
     references: tuple[Reference, ...]
     operations: tuple[Operations, ...]
+    extent: str
     joint_lines: tuple[str, ...]
     beta_title: str
     beta_lines: tuple[str, ...]
     friction_lines: tuple[str, ...]
 
 
-def _describe_joint(number: int, joint: JointCard) -> str:
+def _describe_joint(joint: JointCard, label: str) -> str:
     units = f"position in {joint.position_unit}, torque in {joint.torque_unit}"
-    return clean_text(f"{number} {joint.name}: {joint.kind}, {units}")
+    return clean_text(f"{label} {joint.name}: {joint.kind}, {units}")
+
+
+def _describe_follower(joint: FollowerCard) -> str:
+    times = {"1": "", "-1": "-"}.get(joint.multiplier, f"{joint.multiplier} ")
+    follows = f"follows {times}{joint.master}, link {joint.number}"
+    return clean_text(f"joint {joint.number}, {joint.name}: {joint.kind}, {follows}")
 
 
 def _describe_joints(card: ModelCard) -> tuple[str, ...]:
-    return tuple(_describe_joint(number, joint) for number, joint in enumerate(card.joints, start=1))
+    """Return a line a joint; with followers in the robot, coordinates and joints are numbered apart."""
+    if not card.followers:
+        return tuple(_describe_joint(joint, f"{joint.number}") for joint in card.joints)
+    own = (_describe_joint(joint, f"q[{k}]: joint {joint.number},") for k, joint in enumerate(card.joints))
+    return (*own, *map(_describe_follower, card.followers))
+
+
+def _describe_extent(card: ModelCard) -> str:
+    if not card.followers:
+        return f"{card.size} joints"
+    return f"{card.links} joints, {card.size} of them with a coordinate"
 
 
 def _describe_parameters(vector: str, parameters: Sequence[ParameterCard]) -> tuple[str, ...]:
@@ -65,19 +79,18 @@ def prepare_material(functions: Functions, options: GenerateOptions) -> Material
     """Return programs, reference values and descriptions of `functions`.
 
     Raises:
-        GenerationError: a function cannot be read, or its program disagrees with CasADi.
+        GenerationError: a program has no value anywhere, or disagrees with CasADi.
     """
-    card = functions.card
-    made: tuple[ca.Function, ...] = functions.functions
-    programs = tuple(build_program(f, spec) for f, spec in zip(made, card.functions, strict=True))
+    card, programs = functions.card, functions.programs
     return Material(
         card=card,
         robot=clean_text(card.robot),
         prefix=find_prefix(card.robot),
         options=options,
         programs=programs,
-        references=build_references(card, made, programs, options),
+        references=build_references(card, functions.functions, programs, options),
         operations=tuple(map(count_operations, programs)),
+        extent=_describe_extent(card),
         joint_lines=_describe_joints(card),
         beta_title=_TITLES[card.vector],
         beta_lines=_describe_parameters(card.vector, card.beta),

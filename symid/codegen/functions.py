@@ -16,6 +16,7 @@ from symid.provenance import find_signature
 from symid.robot.description import Robot
 
 __all__ = [
+    "FollowerCard",
     "FunctionSpec",
     "JointCard",
     "ModelCard",
@@ -70,8 +71,13 @@ class ParameterCard:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointCard:
-    """What a user of the functions must know of a joint."""
+    """What a user of the functions must know of a joint with a coordinate of its own.
 
+    `number` is its place among all joints, from one: it is in the names of its parameters, and its link
+    is the one of that number.
+    """
+
+    number: int
     name: str
     kind: str
     friction: str
@@ -88,9 +94,21 @@ class JointCard:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class FollowerCard:
+    """A joint without a coordinate: its place among all joints, and what it follows how many times."""
+
+    number: int
+    name: str
+    kind: str
+    master: str
+    multiplier: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ModelCard:
     """The model behind a set of functions; `signature` is that of `find_model_signature`.
 
+    `joints` are the joints with a coordinate, in the order of the coordinates; `followers` the others.
     `beta` describes the base inertial parameters (drives included), `friction` the friction
     parameters; both in the order of the vectors of the same names. Values are those of the
     robot file, where it states all of them. `vector` is "beta", or "pi" where functions take all
@@ -104,11 +122,17 @@ class ModelCard:
     friction: tuple[ParameterCard, ...]
     functions: tuple[FunctionSpec, ...]
     vector: str = "beta"
+    followers: tuple[FollowerCard, ...] = ()
 
     @property
     def size(self) -> int:
-        """Return the number of joints."""
+        """Return the number of coordinates."""
         return len(self.joints)
+
+    @property
+    def links(self) -> int:
+        """Return the number of moving links, one a joint."""
+        return len(self.joints) + len(self.followers)
 
 
 def write_model_card(card: ModelCard) -> str:
@@ -144,6 +168,7 @@ def read_model_card(text: str) -> ModelCard:
         friction=tuple(ParameterCard(**entry) for entry in data["friction"]),
         functions=tuple(map(spec, data["functions"])),
         vector=data["vector"],
+        followers=tuple(FollowerCard(**entry) for entry in data["followers"]),
     )
 
 

@@ -5,7 +5,17 @@ Robot, BaseParameters, specs -> ModelCard.
 Supported: everything the base parameters support; values only where the robot file states all members.
 """
 
-from symid.codegen.functions import FunctionSpec, JointCard, ModelCard, ParameterCard, find_model_signature
+from collections.abc import Iterator
+from fractions import Fraction
+
+from symid.codegen.functions import (
+    FollowerCard,
+    FunctionSpec,
+    JointCard,
+    ModelCard,
+    ParameterCard,
+    find_model_signature,
+)
 from symid.dynamics.labels import find_label_unit, find_owner
 from symid.parameters.base import BaseParameter, BaseParameters
 from symid.parameters.values import find_parameter_values
@@ -25,20 +35,41 @@ def _write_card(robot: Robot, parameter: BaseParameter, value: float | None) -> 
     )
 
 
+def _write_fraction(value: Fraction) -> str:
+    """Return a number as a decimal where a short one is exact, else as a quotient."""
+    text = f"{float(value):g}"
+    return text if Fraction(text) == value else str(value)
+
+
+def _write_joints(robot: Robot) -> Iterator[JointCard]:
+    for number, joint in enumerate(robot.joints, start=1):
+        if joint.mimic is None:
+            friction = joint.friction.kind.value
+            yield JointCard(number=number, name=joint.name, kind=joint.kind.value, friction=friction)
+
+
+def _write_followers(robot: Robot) -> Iterator[FollowerCard]:
+    for number, joint in enumerate(robot.joints, start=1):
+        if joint.mimic is not None:
+            yield FollowerCard(
+                number=number,
+                name=joint.name,
+                kind=joint.kind.value,
+                master=robot.joints[joint.mimic.master].name,
+                multiplier=_write_fraction(joint.mimic.multiplier),
+            )
+
+
 def build_model_card(robot: Robot, base: BaseParameters, specs: tuple[FunctionSpec, ...]) -> ModelCard:
     """Return what users of the functions must know of the model."""
     values = find_parameter_values(robot, base)
-    joints = tuple(
-        JointCard(name=joint.name, kind=joint.kind.value, friction=joint.friction.kind.value)
-        for joint in robot.axes
-    )
     return ModelCard(
         robot=robot.name,
         signature=find_model_signature(
             robot,
             [(parameter.name, parameter.expression) for parameter in (*base.parameters, *base.friction)],
         ),
-        joints=joints,
+        joints=tuple(_write_joints(robot)),
         beta=tuple(
             _write_card(robot, parameter, values.get(parameter.name)) for parameter in base.parameters
         ),
@@ -47,4 +78,5 @@ def build_model_card(robot: Robot, base: BaseParameters, specs: tuple[FunctionSp
         ),
         functions=specs,
         vector=base.vector,
+        followers=tuple(_write_followers(robot)),
     )

@@ -1,6 +1,6 @@
 """A Python module that needs NumPy alone, printed from the same programs as the C library.
 
-Input: CasADi functions with their model card. Output: `SourceSet` with one module.
+Input: `Functions`: programs with their model card. Output: `SourceSet` with one module.
 
 Supported: one sample, or any number of leading axes. Not supported: float32.
 """
@@ -58,6 +58,7 @@ class ModuleContext:
     negligible: str
     floor: str
     names: str
+    extent: str
     joint_count: int
     joint_lines: tuple[str, ...]
     beta_title: str
@@ -136,6 +137,7 @@ def _write_module(material: Material) -> str:
         negligible=repr(NEGLIGIBLE),
         floor=repr(FLOOR),
         names=", ".join(f'"{program.spec.name}"' for program in programs),
+        extent=material.extent,
         joint_count=material.card.size,
         joint_lines=material.joint_lines,
         beta_title=material.beta_title,

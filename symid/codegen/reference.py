@@ -1,6 +1,6 @@
 """Reference values for self-tests, the same digits on every machine.
 
-Input: CasADi functions and the programs read from them. Output: random states and the value of
+Input: programs and the CasADi functions built from them. Output: random states and the value of
 every output there. The values come from the program in 40-digit arithmetic, so no mathematics
 library takes part in them; each must agree with what CasADi itself computes.
 

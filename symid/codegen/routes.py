@@ -21,7 +21,7 @@ from symid.codegen.energy_routes import (
     derive_torques,
 )
 from symid.codegen.functions import FunctionSpec
-from symid.codegen.instructions import Operations, Program
+from symid.codegen.instructions import Operations, Program, count_operations
 from symid.codegen.matrix_routes import (
     build_derivatives,
     build_forward_dynamics,
@@ -43,13 +43,15 @@ from symid.codegen.regressor_routes import (
     build_slotine_li_columns,
     build_torque_columns,
 )
+from symid.codegen.scheduling import build_depth_first
 from symid.codegen.torque_routes import (
     build_coriolis_matrix,
     build_torques_by_regressor,
     build_torques_by_tensors,
     build_torques_by_vectors,
 )
-from symid.codegen.workspace import Build, build_workspace, check_symbols
+from symid.codegen.workspace import Build, Workspace, build_workspace, check_symbols
+from symid.dynamics.turns import find_turns
 from symid.parameters.base import BaseParameters, find_base_parameters
 from symid.robot.description import Robot
 
@@ -156,21 +158,38 @@ ROUTES: Mapping[str, Routes] = {
 """Per function of the catalogue its routes by name; of routes that cost the same the first is taken."""
 
 
-def choose_route(robot: Robot, base: BaseParameters, spec: FunctionSpec) -> Choice:
-    """Return the route to `spec` with the fewest products and sums, and the counts of all its routes."""
-    workspace = build_workspace(robot, base, spec)
+def _choose(workspace: Workspace, spec: FunctionSpec) -> Choice:
+    """Return the cheapest route of one workspace."""
     table = workspace.table
     built = {name: workspace.recall(build) for name, build in ROUTES[spec.name].items()}
     counts = {name: table.count(ref for port in ports for ref in port) for name, ports in built.items()}
     chosen = min(counts, key=lambda name: counts[name].mul + counts[name].add)
     instructions, outputs = table.collect(built[chosen])
     return Choice(
-        program=Program(spec=spec, instructions=instructions, outputs=outputs),
+        program=build_depth_first(Program(spec=spec, instructions=instructions, outputs=outputs)),
         counts=tuple(
             RouteCount(function=spec.name, route=name, operations=count, chosen=name == chosen)
             for name, count in counts.items()
         ),
     )
+
+
+def _is_cheaper(other: Choice, choice: Choice) -> bool:
+    new, old = count_operations(other.program), count_operations(choice.program)
+    return new.mul + new.add < old.mul + old.add and new.trig <= old.trig
+
+
+def choose_route(robot: Robot, base: BaseParameters, spec: FunctionSpec) -> Choice:
+    """Return the route to `spec` with the fewest products and sums, and the counts of all its routes.
+
+    Constant turns about joint axes are part of the placements or of the joints' angles, whichever costs less.
+    """
+    choice = _choose(build_workspace(robot, base, spec), spec)
+    turns = find_turns(robot)
+    if turns:
+        other = _choose(build_workspace(robot, base, spec, turns), spec)
+        choice = other if _is_cheaper(other, choice) else choice
+    return choice
 
 
 def find_route_counts(robot: Robot) -> tuple[RouteCount, ...]:

@@ -54,8 +54,8 @@ class ValueAlgebra:
         return self.table.mul(left, right)
 
     def neg(self, value: int) -> int:
-        """Return -value."""
-        return -value
+        """Return -value; there is one zero."""
+        return value if value == self.zero else -value
 
     def half(self, value: int) -> int:
         """Return value / 2."""
@@ -71,18 +71,26 @@ class ValueAlgebra:
 
 
 def build_value_state(
-    robot: Robot, algebra: ValueAlgebra, q: Sequence[int], dq: Sequence[int], ddq: Sequence[int]
+    robot: Robot,
+    algebra: ValueAlgebra,
+    coordinates: tuple[Sequence[int], Sequence[int], Sequence[int]],
+    turns: Mapping[int, float],
 ) -> State[int]:
-    """Return the state of the joints from references to the coordinates."""
+    """Return the state of the joints from references to the coordinates: q, dq, ddq.
+
+    `turns` are constant angles in rad, by joint, that are added before sine and cosine.
+    """
+    table = algebra.table
 
     def spread(values: Sequence[int]) -> tuple[int, ...]:
         return spread_coordinates(robot, algebra, values)[: robot.size]
 
-    position = spread(q)
+    position, velocity, acceleration = map(spread, coordinates)
+    angles = [table.add(angle, table.constant(turns.get(joint, 0.0))) for joint, angle in enumerate(position)]
     return State(
-        sine=tuple(algebra.table.apply(Op.SIN, angle) for angle in position),
-        cosine=tuple(algebra.table.apply(Op.COS, angle) for angle in position),
+        sine=tuple(table.apply(Op.SIN, angle) for angle in angles),
+        cosine=tuple(table.apply(Op.COS, angle) for angle in angles),
         position=position,
-        velocity=spread(dq),
-        acceleration=spread(ddq),
+        velocity=velocity,
+        acceleration=acceleration,
     )

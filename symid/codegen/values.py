@@ -4,7 +4,7 @@ Input: operations on references, in any order. Output: the instructions that the
 many of each kind they need.
 
 Supported: merging of equal operations, folding of constants, 0, 1, -1 and 2, free negation, constant
-factors put together, (a - b) + b = a. CasADi has these rules too: a program read back from it is the same.
+factors put together, (a - b) + b = a. There is one zero: no reference to its negative is handed out.
 Not supported: rules that put sums together in another way.
 """
 
@@ -229,7 +229,8 @@ class ValueTable:
         renumbered = {old: new for new, old in enumerate(kept, start=1)}
 
         def move(ref: int) -> int:
-            return renumbered[ref] if ref > 0 else -renumbered[-ref]
+            # What a route negated itself may be zero.
+            return renumbered[ref] if ref > 0 else -renumbered[-ref] if ref != -_ZERO else renumbered[_ZERO]
 
         def rewrite(number: int) -> Instruction:
             op, args = self._ops[number - 1], self._args[number - 1]

@@ -18,6 +18,7 @@ from symid.codegen.values import ValueTable
 from symid.dynamics.kinematics import Recursion, build_recursion
 from symid.dynamics.leaves import hold_leaves
 from symid.dynamics.origins import find_shifts, shift_origins, shift_parameters
+from symid.dynamics.turns import remove_turns
 from symid.errors import Notice, RobotError
 from symid.parameters.base import BaseParameters, Label
 from symid.robot.description import Robot
@@ -100,8 +101,15 @@ def check_symbols(robot: Robot) -> None:
         raise RobotError(Notice(code="robot.symbol-without-value", text=text, file=robot.path))
 
 
-def build_workspace(robot: Robot, base: BaseParameters, spec: FunctionSpec) -> Workspace:
-    """Return a new workspace for the function `spec`."""
+def build_workspace(
+    robot: Robot, base: BaseParameters, spec: FunctionSpec, turns: Mapping[int, float] | None = None
+) -> Workspace:
+    """Return a new workspace for the function `spec`.
+
+    `turns` are constant turns of joints (see `turns`) that are added to the joints' angles; the others are
+    part of the placements.
+    """
+    turns = turns or {}
     table = ValueTable()
     zero = table.constant(0.0)
     moving = ("q", "dq", "ddq", "dqr", "ddqr", "tau")
@@ -110,12 +118,12 @@ def build_workspace(robot: Robot, base: BaseParameters, spec: FunctionSpec) -> W
     for number, port in enumerate(spec.inputs):
         inputs[port.name] = tuple(table.input(number, element) for element in range(port.size))
     algebra = ValueAlgebra(table, dict(robot.symbols))
-    state = build_value_state(robot, algebra, inputs["q"], inputs["dq"], inputs["ddq"])
+    state = build_value_state(robot, algebra, (inputs["q"], inputs["dq"], inputs["ddq"]), turns)
     return Workspace(
         base=base,
         table=table,
         algebra=algebra,
         inputs=inputs,
-        recursion=build_recursion(robot, algebra, state),
+        recursion=build_recursion(remove_turns(robot, turns), algebra, state),
         parameters=dict(zip(base.keys, inputs[base.vector], strict=True)),
     )

@@ -1,12 +1,13 @@
 """Joint friction as a plant sees it: a straight line per direction of motion, a band at standstill.
 
-Input: the model card and its friction values. Output: `FrictionLines`.
+Input: a library, which knows how friction parameters act on coordinates, and the values of its card.
+Output: `FrictionLines`.
 
     dq > 0: tau_f = viscous_p dq + level_p;  dq < 0: tau_f = viscous_n dq + level_n
     dq = 0: any tau_f within [level_n, level_p] that holds the joint
 
-Supported: none, viscous and Coulomb, with offset, asymmetric.
-Not supported: Stribeck, pre-sliding.
+Supported: none, viscous and Coulomb, with offset, asymmetric, of joints and of those that follow them.
+Not supported: Stribeck, pre-sliding, friction of a drive that turns with several coordinates.
 """
 
 from dataclasses import dataclass
@@ -15,16 +16,19 @@ import numpy as np
 
 from symid.arrays import FloatArray, freeze
 from symid.codegen.functions import ModelCard, ParameterCard
+from symid.codegen.library import Library
 from symid.errors import Notice, UsageError
-from symid.joint.friction import FRICTION_MODELS
-from symid.robot.description import FrictionKind
 
 __all__ = ["FrictionLines", "find_friction_lines", "find_values"]
+
+_SPEEDS = (1.0, 2.0, -1.0, -2.0)
+_ROUNDING = 1e-12
+"""Torques below this share of the largest are what rounding leaves of zero."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrictionLines:
-    """The lines of all joints; rows: [standstill, positive, negative], so that mode -1 is the last.
+    """The lines of all coordinates; rows: [standstill, positive, negative], so that mode -1 is the last.
 
     Args:
         viscous: (3, n) N m s/rad or N s/m. level: (3, n) N m or N; the first row of both is zero.
@@ -55,37 +59,83 @@ def find_values(parameters: tuple[ParameterCard, ...], robot: str) -> FloatArray
     return np.array([parameter.value for parameter in parameters], dtype=np.float64)
 
 
-def find_friction_lines(card: ModelCard) -> FrictionLines:
-    """Return the friction lines of the card's joints.
+def _find_columns(library: Library, values: FloatArray) -> FloatArray:
+    """Return torque (n moved, 4 speeds, n felt, p) of each parameter, one coordinate moved at a time."""
+    size = library.card.size
+    dq = np.einsum("k,ij->ikj", np.array(_SPEEDS), np.eye(size)).reshape(-1, size)
+    (columns,) = library.evaluate("friction_regressor", dq)
+    return columns.reshape(size, len(_SPEEDS), size, -1) * values
+
+
+def _find_shared(columns: FloatArray, rest: FloatArray) -> FloatArray:
+    """Return which parameters (p,) make friction at a coordinate that depends on the speed of another.
+
+    Drives that turn with several joints each do; terms in proportion to the speed may cancel between them.
+    """
+    least = _ROUNDING * np.abs(columns).max()
+    once, twice, once_back, twice_back = columns.swapaxes(0, 1)
+    ahead, back = twice - once, once_back - twice_back
+    linear, bend = 0.5 * (ahead + back), 0.5 * (ahead - back)
+    steps = (bend, 2.0 * once - twice - rest, 2.0 * once_back - twice_back - rest)
+    others = ~np.eye(len(columns), dtype=bool)
+    uncancelled = np.abs(linear.sum(axis=2)) * others > least
+    felt = np.concatenate([linear[uncancelled], *(part[others] for part in steps)])
+    shared: FloatArray = np.any(np.abs(felt) > least, axis=0)
+    return shared
+
+
+def _check_own(card: ModelCard, columns: FloatArray, rest: FloatArray) -> None:
+    """Refuse friction at a coordinate that depends on the speed of another.
+
+    Raises:
+        UsageError: which parameters do that.
+    """
+    shared = _find_shared(columns, rest)
+    names = [parameter.name for parameter, found in zip(card.friction, shared, strict=True) if found]
+    if names:
+        text = (
+            f"robot {card.robot!r} has a drive that turns with several joints, whose friction "
+            f"({', '.join(names)}) brakes one by the speed of another; simulation cannot make such joints "
+            "stick: leave that friction out of the robot file"
+        )
+        raise UsageError(Notice(code="usage.shared-friction", text=text))
+
+
+def find_friction_lines(library: Library) -> FrictionLines:
+    """Return the friction lines of the library's coordinates, read from its friction regressor.
 
     Raises:
         UsageError: values are missing, or friction would push: level_p < level_n, or a negative slope;
-            friction acts on several joints at once, or its offset is grouped with a weight.
+            friction at a coordinate depends on the speed of another.
     """
-    wanted = [
-        name for joint in card.joints for name in FRICTION_MODELS[FrictionKind(joint.friction)].parameters
-    ]
-    found = [parameter.name for parameter in card.friction]
-    if len(found) != len(wanted) or not all(map(str.startswith, found, wanted)):
-        text = (
-            f"robot {card.robot!r} has friction that is not of one joint alone: of a coupled drive, of a "
-            "joint that follows another, or an offset grouped with a weight; simulation cannot make such "
-            "joints stick: leave that friction out of the robot file"
-        )
-        raise UsageError(Notice(code="usage.shared-friction", text=text))
-    values = find_values(card.friction, card.robot)
+    card = library.card
     viscous, level = np.zeros((3, card.size)), np.zeros((3, card.size))
-    start = 0
-    for index, joint in enumerate(card.joints):
-        kind = FrictionKind(joint.friction)
-        own = values[start : start + len(FRICTION_MODELS[kind].parameters)]
-        start += len(own)
-        if kind is FrictionKind.ASYMMETRIC:
-            viscous[1:, index], level[1:, index] = (own[0], own[2]), (own[1], -own[3])
-        elif kind is not FrictionKind.NONE:
-            offset = own[2] if len(own) > 2 else 0.0
-            viscous[1:, index], level[1:, index] = own[0], (own[1] + offset, offset - own[1])
-        if level[1, index] < level[2, index] or np.any(viscous[:, index] < 0.0):
-            text = f"joint {joint.name!r}: friction must oppose motion; its values must not be negative"
-            raise UsageError(Notice(code="usage.negative-friction", text=text))
+    if not card.friction:
+        return FrictionLines(viscous=viscous, level=level)
+    values = find_values(card.friction, card.robot)
+    columns = _find_columns(library, values)
+    (rest,) = library.evaluate("friction_regressor", np.zeros((1, card.size)))
+    _check_own(card, columns, rest[0] * values)
+    own = np.arange(card.size)
+    at = columns[own, :, own]
+    # Parameter by parameter: one and two times a column are exact, sums of parameters need not be.
+    for row, near, far, step in ((1, 0, 1, 1.0), (2, 2, 3, -1.0)):
+        viscous[row] = step * (at[:, far] - at[:, near]).sum(axis=1)
+        level[row] = (2.0 * at[:, near] - at[:, far]).sum(axis=1)
+    _check_signs(card, viscous, level)
     return FrictionLines(viscous=viscous, level=level)
+
+
+def _check_signs(card: ModelCard, viscous: FloatArray, level: FloatArray) -> None:
+    slack = _ROUNDING * max(float(np.abs(viscous).max()), float(np.abs(level).max()))
+    pushes = (level[1] < level[2] - slack) | np.any(viscous < -slack, axis=0)
+    notices = [
+        Notice(
+            code="usage.negative-friction",
+            text=f"joint {joint.name!r}: friction must oppose motion; its values must not be negative",
+        )
+        for joint, found in zip(card.joints, pushes.tolist(), strict=True)
+        if found
+    ]
+    if notices:
+        raise UsageError(*notices)

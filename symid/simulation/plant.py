@@ -69,12 +69,12 @@ class Plant:
         """Bind the functions of `library`; values are those of its card.
 
         Raises:
-            UsageError: the card lacks a value.
+            UsageError: the card lacks a value, or friction is not one that the plant can hold.
         """
         card = library.card
         self.size = card.size
         self.beta = find_values(card.beta, card.robot)
-        self._lines: FrictionLines = find_friction_lines(card)
+        self._lines: FrictionLines = find_friction_lines(library)
         self._forward: Callable[..., tuple[FloatArray, ...]] = library.bind("forward_dynamics")
         self._mass: Callable[..., tuple[FloatArray, ...]] = library.bind("mass_matrix")
         self._bias: Callable[..., tuple[FloatArray, ...]] = library.bind("bias")

@@ -329,6 +329,51 @@ def test_simulate_says_first_what_the_file_lacks(capsys, tmp_path, monkeypatch):
     assert answer["errors"][0]["code"] == "output.unknown-suffix"
 
 
+def test_simulate_names_every_value_that_is_not_stated(capsys, tmp_path):
+    robot = tmp_path / "lacking.toml"
+    robot.write_text(LACKING)
+    code, answer = call_json(capsys, "simulate", robot, "-o", tmp_path / "a.npz")
+    assert code == 3
+    (error,) = answer["errors"]
+    assert error["code"] == "robot.no-values"
+    assert error["text"].partition("not stated: ")[2].split("; ") == [
+        "joint 'j2': [joint.link] mass, com and inertia",
+        "joint 'j2': stiffness and rest of [joint.spring]",
+        "joint 'j2': the values of friction viscous_coulomb",
+        "coupling 'm': the rotor_inertia",
+        "coupling 'm': the values of friction asymmetric",
+    ]
+
+
+LACKING = """
+name = "lacking"
+convention = "modified"
+gravity = [0, 0, -9.81]
+[[joint]]
+name = "j1"
+kind = "revolute"
+link = { mass = 2.0, com = [0.1, 0, 0.1], inertia = { xx = 0.1, yy = 0.1, zz = 0.1 } }
+spring = { stiffness = 10, rest = 0 }
+[[joint]]
+name = "j2"
+kind = "revolute"
+a = 0.3
+mimic = { joint = "j1", multiplier = -2 }
+spring = { stiffness = 10, rest = "unknown" }
+friction = { model = "viscous_coulomb" }
+[[joint]]
+name = "j3"
+kind = "revolute"
+a = 0.3
+link = { mass = 2.0, com = [0.1, 0, 0.1], inertia = { xx = 0.1, yy = 0.1, zz = 0.1 } }
+[[coupling]]
+name = "m"
+terms = { j1 = 1, j3 = 2 }
+rotor_inertia = "unknown"
+friction = { model = "asymmetric" }
+"""
+
+
 @pytest.mark.parametrize(
     "arguments",
     [

@@ -1,17 +1,24 @@
 """Every route to every function gives the same numbers, on trees nobody has seen, and equals Pinocchio."""
 
 import dataclasses
+import json
+from fractions import Fraction
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 
+from symid.codegen.casadi_functions import build_functions
 from symid.codegen.catalogue import find_robot_specs, find_specs
+from symid.codegen.instructions import count_operations
+from symid.codegen.printing import print_c
+from symid.codegen.program import build_program
+from symid.codegen.python_module import generate_python_module
 from symid.codegen.routes import ROUTES, choose_route, find_route_counts
 from symid.notation import INERTIAL
 from symid.parameters.base import find_base_parameters
-from symid.robot.description import Drive
+from symid.robot.description import Drive, Mimic
 from tests.chains import (
     PANDA,
     PUMA560,
@@ -118,6 +125,40 @@ def test_the_route_with_the_fewest_operations_is_emitted():
         sums = [count.operations.mul + count.operations.add for count in routes]
         assert chosen is routes[sums.index(min(sums))], "ties are broken by the order of the table"
         assert choose_route(PUMA560, base, spec).counts == tuple(routes)
+
+
+def count_written(program):
+    """Return products, sums and sines of the C text of a program."""
+    values = [text.partition(" = ")[2] for text in print_c(program, "double").statements if text[0] == "c"]
+    marks = ((" * ", " / "), (" + ", " - "), ("sin(", "cos("))
+    return tuple(sum(any(mark in value for mark in kind) for value in values) for kind in marks)
+
+
+@settings(max_examples=15, deadline=None)
+@given(robot=trees(most=4, rotors=True, friction=True, followers=True, couplings=True, springs=True))
+def test_what_is_emitted_has_the_counts_of_the_chosen_routes(robot):
+    chosen = {count.function: count.operations for count in find_route_counts(robot) if count.chosen}
+    made = build_functions(robot)
+    assert {program.spec.name: count_operations(program) for program in made.programs} == chosen
+    for program in made.programs:
+        operations = chosen[program.spec.name]
+        assert count_written(program) == (operations.mul, operations.add, operations.trig)
+
+
+def test_generated_code_says_the_counts_of_the_chosen_routes():
+    joints = tuple(
+        dataclasses.replace(joint, mimic=Mimic(master=0, multiplier=Fraction(-1)) if k == 3 else None)
+        for k, joint in enumerate(PUMA560.joints[:4])
+    )
+    robot = dataclasses.replace(PUMA560, joints=joints)
+    functions = build_functions(robot)
+    sources = generate_python_module(functions)
+    chosen = {count.function: count.operations for count in find_route_counts(robot) if count.chosen}
+    said = json.loads(sources.manifest)["operations"]
+    # CasADi's own folding gives other counts.
+    held = zip(functions.functions, functions.card.functions, strict=True)
+    assert any(count_operations(build_program(f, spec)) != chosen[spec.name] for f, spec in held)
+    assert said == {name: dataclasses.asdict(count) for name, count in chosen.items()}
 
 
 def test_a_rotor_costs_one_product_and_one_sum_at_most():

@@ -174,7 +174,8 @@ def _build_card(robot, names, units, *, kind, joints, truth):
         for k, name in enumerate(("Fv", "Fc", "offset"))
     )
     cards = tuple(
-        JointCard(name=f"joint{j + 1}", kind=kind, friction="viscous_coulomb_offset") for j in range(joints)
+        JointCard(number=j + 1, name=f"joint{j + 1}", kind=kind, friction="viscous_coulomb_offset")
+        for j in range(joints)
     )
     return ModelCard(
         robot=robot,

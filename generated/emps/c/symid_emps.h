@@ -31,8 +31,10 @@
 extern "C" {
 #endif
 
-/** Number of joints. */
+/** Number of joints with a coordinate: length of q. */
 #define SYMID_EMPS_JOINTS 1
+/** Number of moving links: poses in R and P. */
+#define SYMID_EMPS_LINKS 1
 /** Number of parameters of links and drives. */
 #define SYMID_EMPS_BETA 1
 /** Number of friction parameters: length of f. */

@@ -6,10 +6,10 @@ int symid_emps_energy(const double q[restrict 1], const double dq[restrict 1], c
     if (q == NULL || dq == NULL || beta == NULL || T == NULL || V == NULL) {
         return SYMID_EMPS_ERROR_NULL;
     }
-    const double t5 = dq[0] * dq[0];
-    const double t6 = 0.5 * t5;
-    const double t7 = beta[0] * t6;
-    T[0] = t7;
+    const double t3 = dq[0] * dq[0];
+    const double t4 = 0.5 * t3;
+    const double t6 = beta[0] * t4;
+    T[0] = t6;
     V[0] = 0.0;
     return SYMID_EMPS_OK;
 }

@@ -6,9 +6,9 @@ int symid_emps_energy_regressor(const double q[restrict 1], const double dq[rest
     if (q == NULL || dq == NULL || hT == NULL || hV == NULL) {
         return SYMID_EMPS_ERROR_NULL;
     }
-    const double t4 = dq[0] * dq[0];
-    const double t5 = 0.5 * t4;
-    hT[0] = t5;
+    const double t3 = dq[0] * dq[0];
+    const double t4 = 0.5 * t3;
+    hT[0] = t4;
     hV[0] = 0.0;
     return SYMID_EMPS_OK;
 }

@@ -11,11 +11,11 @@ int symid_emps_friction(const double dq[restrict 1], const double f[restrict 3],
     if (dq == NULL || f == NULL || tau_f == NULL) {
         return SYMID_EMPS_ERROR_NULL;
     }
-    const double t4 = dq[0] * f[0];
-    const double t6 = sign(dq[0]);
-    const double t7 = f[1] * t6;
-    const double t8 = t4 + t7;
-    const double t9 = f[2] + t8;
+    const double t3 = dq[0] * f[0];
+    const double t5 = sign(dq[0]);
+    const double t6 = f[1] * t5;
+    const double t7 = t3 + t6;
+    const double t9 = f[2] + t7;
     tau_f[0] = t9;
     return SYMID_EMPS_OK;
 }

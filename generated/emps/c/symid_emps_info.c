@@ -13,5 +13,5 @@ const char *symid_emps_signature(void)
 
 const char *symid_emps_digest(void)
 {
-    return "0f3c347e85fc1f508670adba42c21b35dabb3ac04141a7f5273340e7b8690b75";
+    return "bfb90d1d2dfaa4e1ae8d1c2390edafc34dcb7e9c8a7132e3fe8aadccc242b58b";
 }

@@ -297,11 +297,11 @@ def energy(q, dq, beta):
     samples = np.broadcast_shapes(q.shape[:-1], dq.shape[:-1])
     T = np.empty((*samples, 1))
     V = np.empty((*samples, 1))
-    t1 = beta[..., 0]
-    t2 = dq[..., 0]
-    t2 = t2 * t2
-    t2 = 0.5 * t2
-    t1 = t1 * t2
+    t1 = dq[..., 0]
+    t1 = t1 * t1
+    t1 = 0.5 * t1
+    t2 = beta[..., 0]
+    t1 = t2 * t1
     T[..., 0] = t1
     V[..., 0] = 0.0
     return T, V
@@ -438,15 +438,15 @@ def friction(dq, f):
     f = _prepare("f", f, (3,))
     samples = np.broadcast_shapes(dq.shape[:-1])
     tau_f = np.empty((*samples, 1))
-    t1 = f[..., 2]
-    t2 = dq[..., 0]
-    t3 = f[..., 0]
-    t3 = t2 * t3
-    t4 = f[..., 1]
-    t2 = _sign(t2)
-    t2 = t4 * t2
-    t2 = t3 + t2
-    t1 = t1 + t2
+    t1 = dq[..., 0]
+    t2 = f[..., 0]
+    t2 = t1 * t2
+    t3 = f[..., 1]
+    t1 = _sign(t1)
+    t1 = t3 * t1
+    t1 = t2 + t1
+    t2 = f[..., 2]
+    t1 = t2 + t1
     tau_f[..., 0] = t1
     return tau_f
 

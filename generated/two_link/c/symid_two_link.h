@@ -40,8 +40,10 @@
 extern "C" {
 #endif
 
-/** Number of joints. */
+/** Number of joints with a coordinate: length of q. */
 #define SYMID_TWO_LINK_JOINTS 2
+/** Number of moving links: poses in R and P. */
+#define SYMID_TWO_LINK_LINKS 2
 /** Number of parameters of links and drives. */
 #define SYMID_TWO_LINK_BETA 6
 /** Number of friction parameters: length of f. */

@@ -8,20 +8,20 @@ int symid_two_link_coriolis_matrix(const double q[restrict 2], const double dq[r
     if (q == NULL || dq == NULL || beta == NULL || C == NULL) {
         return SYMID_TWO_LINK_ERROR_NULL;
     }
-    const double t4 = 0.5 * dq[0];
-    const double t7 = sin(q[1]);
-    const double t8 = beta[4] * t7;
-    const double t10 = cos(q[1]);
-    const double t11 = beta[5] * t10;
-    const double t12 = t8 + t11;
-    const double t13 = t4 * t12;
-    const double t15 = dq[0] + dq[1];
-    const double t16 = t12 * t15;
-    const double t17 = 0.5 * t16;
-    const double t18 = t13 - t17;
-    C[0] = t18;
-    C[1] = -t17;
-    C[2] = t13;
+    const double t3 = sin(q[1]);
+    const double t4 = beta[4] * t3;
+    const double t6 = cos(q[1]);
+    const double t7 = beta[5] * t6;
+    const double t8 = t4 + t7;
+    const double t11 = dq[0] * 0.5;
+    const double t12 = t11 * t8;
+    const double t14 = dq[0] + dq[1];
+    const double t15 = t14 * t8;
+    const double t16 = 0.5 * t15;
+    const double t17 = t12 - t16;
+    C[0] = t17;
+    C[1] = -t16;
+    C[2] = t12;
     C[3] = 0.0;
     return SYMID_TWO_LINK_OK;
 }

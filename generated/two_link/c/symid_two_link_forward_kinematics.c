@@ -8,23 +8,23 @@ int symid_two_link_forward_kinematics(const double q[restrict 2], double R[restr
     if (q == NULL || R == NULL || P == NULL) {
         return SYMID_TWO_LINK_ERROR_NULL;
     }
-    const double t4 = cos(q[0]);
-    const double t6 = cos(q[1]);
-    const double t7 = t4 * t6;
-    const double t8 = sin(q[0]);
+    const double t2 = cos(q[0]);
+    const double t3 = sin(q[0]);
+    const double t7 = cos(q[1]);
+    const double t8 = t2 * t7;
     const double t9 = sin(q[1]);
-    const double t10 = t8 * t9;
-    const double t11 = t7 - t10;
-    const double t12 = t6 * t8;
-    const double t13 = t4 * t9;
+    const double t10 = t3 * t9;
+    const double t11 = t8 - t10;
+    const double t12 = t3 * t7;
+    const double t13 = t9 * t2;
     const double t14 = t12 + t13;
-    const double t16 = t4 * 0.5;
-    const double t17 = t8 * 0.5;
-    R[0] = t4;
-    R[1] = -t8;
+    const double t16 = t2 * 0.5;
+    const double t17 = t3 * 0.5;
+    R[0] = t2;
+    R[1] = -t3;
     R[2] = 0.0;
-    R[3] = t8;
-    R[4] = t4;
+    R[3] = t3;
+    R[4] = t2;
     R[5] = 0.0;
     R[6] = 0.0;
     R[7] = 0.0;

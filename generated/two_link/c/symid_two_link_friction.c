@@ -11,16 +11,16 @@ int symid_two_link_friction(const double dq[restrict 2], const double f[restrict
     if (dq == NULL || f == NULL || tau_f == NULL) {
         return SYMID_TWO_LINK_ERROR_NULL;
     }
-    const double t4 = dq[0] * f[0];
-    const double t6 = sign(dq[0]);
-    const double t7 = f[1] * t6;
-    const double t8 = t4 + t7;
-    const double t9 = f[2] + t8;
-    const double t13 = dq[1] * f[3];
-    const double t15 = sign(dq[1]);
-    const double t16 = f[4] * t15;
-    const double t17 = t13 + t16;
-    const double t18 = f[5] + t17;
+    const double t3 = dq[0] * f[0];
+    const double t5 = sign(dq[0]);
+    const double t6 = f[1] * t5;
+    const double t7 = t3 + t6;
+    const double t9 = f[2] + t7;
+    const double t12 = dq[1] * f[3];
+    const double t14 = sign(dq[1]);
+    const double t15 = f[4] * t14;
+    const double t16 = t12 + t15;
+    const double t18 = f[5] + t16;
     tau_f[0] = t9;
     tau_f[1] = t18;
     return SYMID_TWO_LINK_OK;

@@ -11,10 +11,10 @@ int symid_two_link_friction_regressor(const double dq[restrict 2], double Yf[res
     if (dq == NULL || Yf == NULL) {
         return SYMID_TWO_LINK_ERROR_NULL;
     }
-    const double t4 = sign(dq[0]);
+    const double t2 = sign(dq[0]);
     const double t6 = sign(dq[1]);
     Yf[0] = dq[0];
-    Yf[1] = t4;
+    Yf[1] = t2;
     Yf[2] = 1.0;
     Yf[3] = 0.0;
     Yf[4] = 0.0;

@@ -8,27 +8,27 @@ int symid_two_link_gravity(const double q[restrict 2], const double beta[restric
     if (q == NULL || beta == NULL || g == NULL) {
         return SYMID_TWO_LINK_ERROR_NULL;
     }
-    const double t4 = cos(q[0]);
-    const double t5 = 9.81 * t4;
-    const double t6 = beta[1] * t5;
+    const double t2 = cos(q[0]);
+    const double t4 = t2 * 9.81;
+    const double t6 = cos(q[1]);
+    const double t7 = t6 * t4;
     const double t8 = sin(q[0]);
-    const double t9 = 9.81 * t8;
-    const double t10 = beta[2] * t9;
-    const double t11 = t6 - t10;
-    const double t14 = cos(q[1]);
-    const double t15 = t5 * t14;
-    const double t16 = sin(q[1]);
-    const double t17 = t9 * t16;
-    const double t18 = t15 - t17;
-    const double t19 = beta[4] * t18;
-    const double t21 = t9 * t14;
-    const double t22 = t5 * t16;
-    const double t23 = t21 + t22;
-    const double t24 = beta[5] * t23;
-    const double t25 = t19 - t24;
-    const double t26 = t11 + t25;
+    const double t9 = t8 * 9.81;
+    const double t10 = sin(q[1]);
+    const double t11 = t10 * t9;
+    const double t12 = t7 - t11;
+    const double t14 = beta[4] * t12;
+    const double t15 = t6 * t9;
+    const double t16 = t10 * t4;
+    const double t17 = t15 + t16;
+    const double t19 = beta[5] * t17;
+    const double t20 = t14 - t19;
+    const double t22 = beta[1] * t4;
+    const double t24 = beta[2] * t9;
+    const double t25 = t22 - t24;
+    const double t26 = t25 + t20;
     g[0] = t26;
-    g[1] = t25;
+    g[1] = t20;
     return SYMID_TWO_LINK_OK;
 }
 

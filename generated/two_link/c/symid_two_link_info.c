@@ -13,5 +13,5 @@ const char *symid_two_link_signature(void)
 
 const char *symid_two_link_digest(void)
 {
-    return "eefa8caf296eae59574d6df07b785f6bae5df97f033ad093b75252794eea3034";
+    return "0f763a4a2d75ff48c657f2ac33c91e47bb4f4e02c533e282df3770d1245e2b54";
 }

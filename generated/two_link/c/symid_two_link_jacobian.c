@@ -8,13 +8,13 @@ int symid_two_link_jacobian(const double q[restrict 2], double J[restrict 12])
     if (q == NULL || J == NULL) {
         return SYMID_TWO_LINK_ERROR_NULL;
     }
-    const double t5 = sin(q[0]);
-    const double t6 = 0.5 * t5;
-    const double t7 = cos(q[0]);
-    const double t8 = 0.5 * t7;
-    J[0] = -t6;
+    const double t2 = sin(q[0]);
+    const double t4 = t2 * 0.5;
+    const double t6 = cos(q[0]);
+    const double t7 = t6 * 0.5;
+    J[0] = -t4;
     J[1] = 0.0;
-    J[2] = t8;
+    J[2] = t7;
     J[3] = 0.0;
     J[4] = 0.0;
     J[5] = 0.0;

@@ -8,14 +8,14 @@ int symid_two_link_mass_matrix(const double q[restrict 2], const double beta[res
     if (q == NULL || beta == NULL || M == NULL) {
         return SYMID_TWO_LINK_ERROR_NULL;
     }
-    const double t5 = sin(q[1]);
-    const double t6 = beta[5] * t5;
-    const double t8 = cos(q[1]);
-    const double t9 = beta[4] * t8;
-    const double t10 = t6 - t9;
-    const double t11 = beta[3] - t10;
-    const double t12 = beta[0] + t11;
-    const double t14 = t10 * 0.5;
+    const double t3 = sin(q[1]);
+    const double t4 = beta[5] * t3;
+    const double t6 = cos(q[1]);
+    const double t7 = beta[4] * t6;
+    const double t8 = t4 - t7;
+    const double t10 = beta[3] - t8;
+    const double t12 = beta[0] + t10;
+    const double t14 = 0.5 * t8;
     const double t15 = beta[3] - t14;
     M[0] = t12;
     M[1] = t15;

@@ -9,15 +9,15 @@ int symid_two_link_momentum_regressor(const double q[restrict 2], const double d
         return SYMID_TWO_LINK_ERROR_NULL;
     }
     const double t4 = dq[0] + dq[1];
-    const double t6 = cos(q[1]);
-    const double t8 = dq[0] * 0.5;
-    const double t9 = t6 * t8;
-    const double t10 = t4 * t6;
+    const double t6 = dq[0] * 0.5;
+    const double t8 = cos(q[1]);
+    const double t9 = t8 * t6;
+    const double t10 = t8 * t4;
     const double t11 = 0.5 * t10;
     const double t12 = t9 + t11;
     const double t13 = sin(q[1]);
-    const double t14 = t8 * t13;
-    const double t15 = t4 * t13;
+    const double t14 = t13 * t6;
+    const double t15 = t13 * t4;
     const double t16 = 0.5 * t15;
     const double t17 = t14 + t16;
     Yp[0] = dq[0];

@@ -11,9 +11,17 @@ import pytest
 
 from symid.codegen.c_library import generate_c_library
 from symid.codegen.casadi_functions import Functions, build_functions
-from symid.codegen.functions import FunctionSpec, JointCard, ModelCard, Port
+from symid.codegen.functions import (
+    FunctionSpec,
+    JointCard,
+    ModelCard,
+    Port,
+    read_model_card,
+    write_model_card,
+)
 from symid.codegen.library import load_library
 from symid.codegen.options import GenerateOptions
+from symid.codegen.program import build_program
 from symid.codegen.python_module import generate_python_module
 from symid.codegen.writer import write_sources
 from symid.errors import GenerationError, UsageError
@@ -323,10 +331,10 @@ def test_selection_and_comparison_are_alike_everywhere(tmp_path, c_compiler):
         outputs=(Port(name="y", shape=(5,), unit="1", meaning="y"),),
         meaning="a mixture",
     )
-    joint = JointCard(name="a", kind="revolute", friction="none")
+    joint = JointCard(number=1, name="a", kind="revolute", friction="none")
     card = ModelCard(robot="toy", signature="0", joints=(joint,), beta=(), friction=(), functions=(spec,))
     function = ca.Function("mix", [x], [y], ["x"], ["y"])
-    functions = Functions(card=card, functions=(function,))
+    functions = Functions(card=card, programs=(build_program(function, spec),), functions=(function,))
     write_sources(generate_c_library(functions), tmp_path / "c")
     write_sources(generate_python_module(functions), tmp_path / "p")
     command = ["make", "-s", f"CC={c_compiler}", "CFLAGS=-Werror", "shared", "check"]
@@ -338,3 +346,52 @@ def test_selection_and_comparison_are_alike_everywhere(tmp_path, c_compiler):
         np.testing.assert_allclose(found[:4], wanted[:4], rtol=0, atol=1e-15)
         assert np.isnan(found[4, :3]).all()
         assert np.isnan(found[5, [0, 3]]).all()
+
+
+FOLLOWED = """
+name = "followed"
+convention = "modified"
+gravity = [0, 0, -9.81]
+[[joint]]
+name = "j1"
+kind = "revolute"
+[[joint]]
+name = "j2"
+kind = "revolute"
+alpha = "pi/2"
+a = 0.2
+mimic = { joint = "j1", multiplier = -0.63 }
+[[joint]]
+name = "j3"
+kind = "prismatic"
+alpha = "pi/2"
+[[joint]]
+name = "j4"
+kind = "prismatic"
+alpha = "pi/2"
+mimic = { joint = "j3", multiplier = "1/3" }
+"""
+
+
+def test_coordinates_and_joints_are_told_apart(tmp_path, c_compiler):
+    path = tmp_path / "followed.toml"
+    path.write_text(FOLLOWED)
+    functions = build_functions(read_robot(path), names=("forward_kinematics", "mass_matrix"))
+    assert read_model_card(write_model_card(functions.card)) == functions.card
+    c, python = dict(generate_c_library(functions).files), dict(generate_python_module(functions).files)
+    lines = [
+        "q[0]: joint 1, j1: revolute, position in rad, torque in N m",
+        "q[1]: joint 3, j3: prismatic, position in m, torque in N",
+        "joint 2, j2: revolute, follows -0.63 j1, link 2",
+        "joint 4, j4: prismatic, follows 1/3 j3, link 4",
+    ]
+    header, module = c["symid_followed.h"], python["symid_followed.py"]
+    assert "\n".join(f" *   {line}" for line in lines) in header
+    assert "\n".join(f"    {line}" for line in lines) in module
+    for text in (header, module):
+        assert "of followed: 4 joints, 2 of them with a coordinate" in text
+    assert "#define SYMID_FOLLOWED_JOINTS 2\n" in header
+    assert "#define SYMID_FOLLOWED_LINKS 4\n" in header
+    assert "[out] R rotation matrices, one a link: 4 x 3 x 3" in header
+    # Parameters carry the numbers of their joints, which the lines above name.
+    assert {parameter.name[-1] for parameter in functions.card.beta} <= set("1234")

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from symid.codegen.c_library import generate_c_library
-from symid.codegen.casadi_functions import Functions, build_functions
+from symid.codegen.casadi_functions import build_functions
 from symid.codegen.names import clean_text, find_prefix
 from symid.codegen.python_module import generate_python_module
 from symid.codegen.writer import write_sources
@@ -29,7 +29,7 @@ def test_text_is_cleaned():
 def worst(project):
     made = build_functions(read_robot(project / "robots" / "emps.toml"), names=("mass_matrix", "friction"))
     joints = tuple(replace(joint, name=WORST) for joint in made.card.joints)
-    return Functions(card=replace(made.card, robot=WORST, joints=joints), functions=made.functions)
+    return replace(made, card=replace(made.card, robot=WORST, joints=joints))
 
 
 def test_c_with_the_worst_names_compiles(worst, tmp_path, c_compiler):

@@ -4,10 +4,12 @@ import casadi as ca
 import pytest
 
 from symid.codegen.functions import FunctionSpec, ModelCard, Port
-from symid.codegen.instructions import Op, Operations, count_operations
+from symid.codegen.instructions import Op, Operations, Program, count_operations
 from symid.codegen.options import GenerateOptions
+from symid.codegen.printing import print_c
 from symid.codegen.program import build_program
 from symid.codegen.reference import build_references
+from symid.codegen.value_algebra import ValueAlgebra
 from symid.codegen.values import ValueTable
 from symid.errors import GenerationError
 
@@ -145,3 +147,19 @@ def test_counting_equals_collecting():
     assert [op for _, op, _ in table.walk(outputs)] == [
         instruction.op for instruction in table.collect([outputs])[0]
     ]
+
+
+def test_there_is_one_zero():
+    table = ValueTable()
+    x, zero = table.input(0, 0), table.constant(0.0)
+    algebra = ValueAlgebra(table)
+    assert table.constant(-0.0) == algebra.neg(zero) == algebra.neg(table.mul(-x, zero)) == zero
+    instructions, outputs = table.collect([[zero, -zero, -x]])
+    (first, second, third), (number,) = (
+        outputs[0],
+        [k for k, instruction in enumerate(instructions, start=1) if instruction.op is Op.CONSTANT],
+    )
+    assert (first, second, third < 0) == (number, number, True)
+    spec = FunctionSpec(name="f", inputs=(port("x", 1),), outputs=(port("y", 3),), meaning="test")
+    program = Program(spec=spec, instructions=instructions, outputs=outputs)
+    assert print_c(program, "double").statements == ("y[0] = 0.0;", "y[1] = 0.0;", "y[2] = -x[0];")

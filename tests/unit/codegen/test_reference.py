@@ -10,6 +10,7 @@ import pytest
 from symid.codegen.c_library import generate_c_library
 from symid.codegen.casadi_functions import Functions, build_functions
 from symid.codegen.functions import FunctionSpec, JointCard, Port
+from symid.codegen.program import build_program
 from symid.codegen.python_module import generate_python_module
 from symid.codegen.writer import write_sources
 from symid.errors import GenerationError
@@ -23,7 +24,7 @@ def made(project):
 
 def give(made, value):
     beta = tuple(replace(parameter, value=value) for parameter in made.card.beta)
-    return Functions(card=replace(made.card, beta=beta), functions=made.functions)
+    return replace(made, card=replace(made.card, beta=beta))
 
 
 @pytest.mark.parametrize("value", [0.0, float("nan")])
@@ -40,7 +41,7 @@ def test_known_values_are_used_where_they_are_fit(made):
             replace(parameter, value=value) for parameter, value in zip(made.card.beta, values, strict=True)
         ),
     )
-    files = dict(generate_python_module(Functions(card=card, functions=made.functions)).files)
+    files = dict(generate_python_module(replace(made, card=card)).files)
     assert repr(values) in files["symid_two_link.py"]
 
 
@@ -52,10 +53,10 @@ def make_toy(made, build):
         outputs=(Port(name="y", shape=(2,), unit="1", meaning="y"),),
         meaning="a toy",
     )
-    joint = JointCard(name="a", kind="revolute", friction="none")
+    joint = JointCard(number=1, name="a", kind="revolute", friction="none")
     card = replace(made.card, robot="toy", joints=(joint,), beta=(), friction=(), functions=(spec,))
     function = ca.Function("toy", [x], [build(x)], ["x"], ["y"])
-    return Functions(card=card, functions=(function,))
+    return Functions(card=card, programs=(build_program(function, spec),), functions=(function,))
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""CasADi functions written from programs: read back they are the same, and they compute the same."""
+"""CasADi functions written from programs: they compute the same, and of known robots read back alike."""
 
 import numpy as np
 import pytest

@@ -1,6 +1,7 @@
 """A pendulum and a vertical two-link arm written in closed form: libraries without generated code."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pytest
@@ -16,6 +17,24 @@ NAMES = {
     "viscous_coulomb_offset": ("Fv", "Fc", "offset"),
     "asymmetric": ("Fvp", "Fcp", "Fvn", "Fcn"),
 }
+COLUMNS = {
+    "Fv": lambda v: v,
+    "Fc": np.sign,
+    "offset": np.ones_like,
+    "Fvp": lambda v: np.maximum(v, 0.0),
+    "Fcp": lambda v: np.where(v > 0.0, 1.0, 0.0),
+    "Fvn": lambda v: np.minimum(v, 0.0),
+    "Fcn": lambda v: np.where(v < 0.0, -1.0, 0.0),
+}
+
+
+def find_friction_columns(kinds, dq):
+    """Return the friction regressor (N, n, p) of joints with friction of their own."""
+    entries = [(joint, name) for joint, kind in enumerate(kinds) for name in NAMES[kind]]
+    out = np.zeros((*dq.shape, len(entries)))
+    for k, (joint, name) in enumerate(entries):
+        out[:, joint, k] = COLUMNS[name](dq[:, joint])
+    return out
 
 
 def pendulum_mass(_q, beta):
@@ -63,6 +82,7 @@ class ClosedForm:
     mass: object
     bias: object
     energy: object
+    friction: object
     backend: str = "closed form"
     notices: tuple = ()
 
@@ -76,6 +96,8 @@ class ClosedForm:
         }[name]
 
     def evaluate(self, name, *inputs):
+        if name == "friction_regressor":
+            return (self.friction(*inputs),)
         *samples, beta = inputs
         if name == "mass_matrix":
             return (np.array([self.mass(q, beta) for q in samples[0]]),)
@@ -98,14 +120,15 @@ def build_library(model, beta, kinds, friction):
         robot=model,
         signature="",
         joints=tuple(
-            JointCard(name=f"joint{number}", kind="revolute", friction=kind)
+            JointCard(number=number, name=f"joint{number}", kind="revolute", friction=kind)
             for number, kind in enumerate(kinds, 1)
         ),
         beta=tuple(parameter(f"b{index}", value) for index, value in enumerate(beta)),
         friction=tuple(parameter(name, value) for name, value in zip(names, friction, strict=True)),
         functions=(),
     )
-    return ClosedForm(card=card, mass=mass, bias=bias, energy=energy)
+    friction_columns = partial(find_friction_columns, kinds)
+    return ClosedForm(card=card, mass=mass, bias=bias, energy=energy, friction=friction_columns)
 
 
 @pytest.fixture

@@ -13,6 +13,7 @@ from symid.simulation.friction import find_friction_lines
 from symid.simulation.plant import Plant, PlantState, start_state
 
 PULL = (0.0,)
+ARM = (1.2, 0.3, 0.35, 3.0, 0.7)
 
 
 def moving(q, dq):
@@ -159,13 +160,69 @@ def test_friction_that_pushes_is_refused(make_library):
     assert caught.value.notices[0].code == "usage.negative-friction"
 
 
-def test_friction_that_is_not_of_one_joint_alone_is_refused(make_library):
-    library = make_library("pendulum", (0.5, 0.0), ("viscous_coulomb",), (0.0, 1.0))
-    shared = replace(library.card.friction[1], name="Fvm")
-    card = replace(library.card, friction=(*library.card.friction, shared))
-    with pytest.raises(UsageError, match="cannot make such joints stick") as caught:
-        find_friction_lines(card)
+@pytest.mark.parametrize("name", ["Fv", "Fc"])
+def test_friction_that_depends_on_another_joint_is_refused(make_library, name):
+    library = make_library("arm", ARM, ("viscous_coulomb",) * 2, (0.1, 0.2, 0.3, 0.4))
+    own, rate = library.friction, {"Fv": lambda v: v, "Fc": np.sign}[name]
+
+    def couple(dq):
+        # A drive that turns with both: speed dq1 - dq2 / 2.
+        felt = rate(dq[:, :1] - 0.5 * dq[:, 1:]) * [1.0, -0.5]
+        return np.concatenate([own(dq), felt[:, :, None]], axis=2)
+
+    library.friction = couple
+    shared = replace(library.card.friction[1], name=f"{name}m")
+    library.card = replace(library.card, friction=(*library.card.friction, shared))
+    with pytest.raises(UsageError, match=rf"{name}m.*cannot make such joints stick") as caught:
+        Plant(library)
     assert caught.value.notices[0].code == "usage.shared-friction"
+
+
+def couple_both(library, rate, values):
+    """Give the arm two drives beside its own friction, of speeds dq1 + dq2 and dq1 - dq2."""
+    own = library.friction
+
+    def couple(dq):
+        felt = [rate(dq[:, :1] + sign * dq[:, 1:]) * [1.0, sign] for sign in (1.0, -1.0)]
+        return np.concatenate([own(dq), np.stack(felt, axis=2)], axis=2)
+
+    library.friction = couple
+    cards = (
+        replace(library.card.friction[0], name=f"m{k}", value=value) for k, value in enumerate(values, 1)
+    )
+    library.card = replace(library.card, friction=(*library.card.friction, *cards))
+    return library
+
+
+def test_two_drives_whose_shares_cancel_brake_each_joint_alone(make_library):
+    arm = make_library("arm", ARM, ("viscous_coulomb",) * 2, (0.1, 0.2, 0.3, 0.4))
+    lines = find_friction_lines(couple_both(arm, lambda v: v, (0.5, 0.5)))
+    np.testing.assert_allclose(lines.viscous[1:], [[1.1, 1.3]] * 2, rtol=1e-14)
+    np.testing.assert_allclose(lines.level[1:], [[0.2, 0.4], [-0.2, -0.4]], rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("rate", "values", "found"),
+    [
+        (lambda v: v, (0.5, 0.6), "m1, m2"),
+        (lambda v: v, (0.5, 0.0), r"\(m1\)"),
+        # At one of them moved alone the other feels nothing, at both moved it does.
+        (np.sign, (0.5, 0.5), "m1, m2"),
+        (np.abs, (0.5, 0.5), "m1, m2"),
+    ],
+)
+def test_two_drives_whose_shares_do_not_cancel_are_refused(make_library, rate, values, found):
+    arm = make_library("arm", ARM, ("viscous_coulomb",) * 2, (0.1, 0.2, 0.3, 0.4))
+    with pytest.raises(UsageError, match=found) as caught:
+        find_friction_lines(couple_both(arm, rate, values))
+    assert caught.value.notices[0].code == "usage.shared-friction"
+
+
+def test_all_joints_with_friction_that_pushes_are_said(make_library):
+    library = make_library("arm", ARM, ("viscous_coulomb", "asymmetric"), (-1.0, 0.0, 0.0, 0.0, 0.0, -2.0))
+    with pytest.raises(UsageError, match="must oppose motion") as caught:
+        find_friction_lines(library)
+    assert [notice.code for notice in caught.value.notices] == ["usage.negative-friction"] * 2
 
 
 def test_endless_stops_are_an_error_with_a_remedy(make_library, monkeypatch):

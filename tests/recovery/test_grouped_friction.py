@@ -1,0 +1,166 @@
+"""Simulated robots whose parameters are groups: the plant brakes as the library says, logs give it back."""
+
+import numpy as np
+import pytest
+
+from symid.codegen.cache import prepare_library
+from symid.excitation.trajectories import FourierOptions, build_random_fourier
+from symid.formats.toml import read_robot
+from symid.identification.identify import identify_parameters
+from symid.robot.log_map import Processing
+from symid.simulation.experiment import ExperimentOptions, simulate_experiment
+from symid.simulation.friction import find_friction_lines
+from symid.simulation.plant import Plant, start_state
+from symid.simulation.sensors import SensorOptions
+
+HEAD = """
+name = "{name}"
+convention = "modified"
+gravity = [0, 0, -9.81]
+"""
+LINK = "link = {{ mass = 2.0, com = [0.1, 0, 0.1], inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }} }}"
+BEHIND = """
+[[joint]]
+name = "j1"
+kind = "revolute"
+{link}
+friction = {{ model = "{model}", {first} }}
+mimic = {{ joint = "j2", multiplier = {multiplier} }}
+[[joint]]
+name = "j2"
+kind = "revolute"
+a = 0.3
+{link}
+friction = {{ model = "{model}", {second} }}
+limits = {{ position = [-1, 1], velocity = 2, torque = 50 }}
+"""
+SPRUNG = """
+[[joint]]
+name = "j1"
+kind = "revolute"
+alpha = "pi/2"
+{link}
+spring = {{ stiffness = 20, rest = 0.1 }}
+friction = {{ model = "viscous_coulomb_offset", Fv = 0.5, Fc = 0.7, offset = 0.4 }}
+[[joint]]
+name = "j2"
+kind = "prismatic"
+alpha = "-pi/2"
+{link}
+friction = {{ model = "viscous_coulomb_offset", Fv = 0.9, Fc = 0.6, offset = -0.3 }}
+"""
+UPRIGHT = """
+[[joint]]
+name = "slide"
+kind = "prismatic"
+{link}
+drive = {{ gear = 1, rotor_inertia = 0.5, rotor_inertia_side = "joint" }}
+friction = {{ model = "{model}", {first} }}
+"""
+MODELS = {
+    "viscous_coulomb": ("Fv = 0.1, Fc = 0.2", "Fv = 0.3, Fc = 0.15"),
+    "asymmetric": (
+        "Fvp = 0.1, Fcp = 0.2, Fvn = 0.3, Fcn = 0.4",
+        "Fvp = 0.5, Fcp = 0.6, Fvn = 0.25, Fcn = 0.7",
+    ),
+    "viscous_coulomb_offset": ("Fv = 0.1, Fc = 0.2, offset = 0.05", "Fv = 0.3, Fc = 0.15, offset = -0.02"),
+}
+
+
+def read(tmp_path, text, name, **words):
+    path = tmp_path / f"{name}.toml"
+    link = LINK.format()
+    path.write_text((HEAD + text).format(name=name, link=link, **words))
+    return read_robot(path)
+
+
+def read_behind(tmp_path, model, multiplier):
+    first, second = MODELS[model]
+    name = f"{model}{multiplier}".replace(".", "_").replace("-", "minus")
+    return read(tmp_path, BEHIND, name, model=model, multiplier=multiplier, first=first, second=second)
+
+
+def brake(library, dq):
+    lines = find_friction_lines(library)
+    rows, columns = np.sign(dq).astype(int), np.arange(library.card.size)
+    return lines.viscous[rows, columns] * dq + lines.level[rows, columns]
+
+
+def assert_brakes_as_the_library(library):
+    dq = np.random.default_rng(2).uniform(-3, 3, (200, library.card.size))
+    values = np.array([parameter.value for parameter in library.card.friction])
+    expected = library.evaluate("friction", dq, values)[0]
+    np.testing.assert_allclose([brake(library, row) for row in dq], expected, rtol=1e-12, atol=1e-13)
+    return dq, expected
+
+
+@pytest.mark.parametrize("multiplier", [3, -0.5])
+@pytest.mark.parametrize("model", MODELS)
+def test_a_plant_brakes_as_the_library_says(tmp_path, model, multiplier):
+    library = prepare_library(read_behind(tmp_path, model, multiplier))
+    dq, friction = assert_brakes_as_the_library(library)
+    plant, q = Plant(library), np.array([0.3])
+    for row, loss in zip(dq[:20], friction, strict=False):
+        state = start_state(q)
+        state = type(state)(q=q, dq=row, modes=tuple(np.sign(row).astype(int).tolist()))
+        after = plant.advance(state, np.zeros(1), 1e-9)
+        free = library.evaluate("forward_dynamics", q, row, -loss, plant.beta)[0]
+        np.testing.assert_allclose((after.dq - row) / 1e-9, free, rtol=1e-5, atol=1e-5)
+
+
+def test_the_friction_of_both_drives_acts_on_their_coordinate(tmp_path):
+    library = prepare_library(read_behind(tmp_path, "viscous_coulomb", 3))
+    # tau_f = 3 (Fv1 3 dq + Fc1 sign(3 dq)) + Fv2 dq + Fc2 sign(dq)
+    for dq in (-0.7, 1.3):
+        expected = (9 * 0.1 + 0.3) * dq + (3 * 0.2 + 0.15) * np.sign(dq)
+        np.testing.assert_allclose(brake(library, np.array([dq])), [expected], rtol=1e-12)
+
+
+def simulate(robot, library, seed=0):
+    rng = np.random.default_rng(seed)
+    trajectory = build_random_fourier(robot, rng, FourierOptions())
+    clean = ExperimentOptions(sensors=SensorOptions(counts_per_turn=None))
+    run = simulate_experiment(robot, library, trajectory, clean, rng)
+    # The losses, anew: friction of the library times velocity, by the trapezoidal rule.
+    values = np.array([parameter.value for parameter in library.card.friction])
+    (torque,) = library.evaluate("friction", run.dq, values)
+    losses = np.trapezoid((torque * run.dq).sum(axis=1), run.recording.time)
+    assert run.energy_gap < 1e-6
+    assert abs(losses - run.dissipation[-1]) < 2e-3 * abs(run.dissipation[-1])
+    return run
+
+
+def assert_comes_back(robot, library, tolerance):
+    run = simulate(robot, library)
+    processing = Processing(drop_first=50, drop_last=50, standstill=0.02)
+    estimate = identify_parameters(library, [run.recording], processing, rows="torque")
+    cards = (*library.card.beta, *library.card.friction)
+    found = estimate.assemble(tuple(card.name for card in cards))
+    expected = np.array([card.value for card in cards])
+    np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * np.abs(expected).max())
+    return {card.name: value for card, value in zip(cards, found, strict=True)}
+
+
+def test_a_log_gives_back_the_friction_of_a_group(tmp_path):
+    robot = read_behind(tmp_path, "viscous_coulomb", 3)
+    found = assert_comes_back(robot, prepare_library(robot), 2e-3)
+    np.testing.assert_allclose(found["FvR1"], 0.1 + 0.3 / 9, rtol=0.02)
+    np.testing.assert_allclose(found["FcR1"], 0.2 + 0.15 / 3, rtol=0.02)
+
+
+def test_an_offset_beside_a_spring_is_part_of_it(tmp_path):
+    robot = read(tmp_path, SPRUNG, "sprung")
+    library = prepare_library(robot)
+    values = {parameter.name: parameter.value for parameter in library.card.beta}
+    np.testing.assert_allclose(values["KRR1"], -20 * 0.1 + 0.4)
+    assert_brakes_as_the_library(library)
+    found = assert_comes_back(robot, library, 2e-3)
+    np.testing.assert_allclose(found["KRR1"], -1.6, rtol=0.02)
+
+
+@pytest.mark.parametrize("model", ["viscous_coulomb_offset", "asymmetric"])
+def test_an_offset_on_a_vertical_slide_is_part_of_its_weight(tmp_path, model):
+    robot = read(tmp_path, UPRIGHT, f"upright_{model}", model=model, first=MODELS[model][0])
+    library = prepare_library(robot)
+    assert_brakes_as_the_library(library)
+    assert_comes_back(robot, library, 2e-3)

@@ -1,0 +1,89 @@
+"""Constant turns about joint axes: in the placement or in the angle, the robot is the same."""
+
+import dataclasses
+
+import numpy as np
+from hypothesis import given, settings
+
+from symid.codegen.catalogue import find_robot_specs
+from symid.codegen.instructions import Program, count_operations
+from symid.codegen.routes import ROUTES, choose_route
+from symid.codegen.workspace import build_workspace
+from symid.dynamics.turns import find_turns, remove_turns
+from symid.parameters.base import find_base_parameters
+from symid.robot.geometry import Exact, find_angle, place_modified_dh
+from tests.chains import PANDA, PUMA560, TWO_LINK, build_route_programs, run_program, trees
+
+ROWS = [(0.0, 0.0, 0.3), (np.pi / 2, 0.1, 0.0), (0.0, 0.4, 0.1), (np.pi / 3, 0.02, 0.0)]
+
+
+def build_offset_arm(thetas):
+    placements = [
+        place_modified_dh(find_angle(alpha), Exact.of(a), Exact.of(d), find_angle(theta))
+        for (alpha, a, d), theta in zip(ROWS, thetas, strict=True)
+    ]
+    joints = zip(PUMA560.joints, placements, strict=False)
+    return dataclasses.replace(
+        PUMA560, joints=tuple(dataclasses.replace(joint, placement=place) for joint, place in joints)
+    )
+
+
+ARM = build_offset_arm([0.4, np.pi / 6, -2.5, np.pi])
+PLAIN = build_offset_arm([0.0, 0.0, 0.0, 0.0])
+
+
+def count(program):
+    found = count_operations(program)
+    return found.mul + found.add
+
+
+def find_plain_best(robot, base, spec):
+    return min(map(count, build_route_programs(robot, base, spec).values()))
+
+
+def test_turns_are_found_and_removed():
+    turns = find_turns(ARM)
+    np.testing.assert_allclose([turns[k] for k in (0, 1, 2)], [0.4, np.pi / 6, -2.5], rtol=1e-14)
+    assert list(turns) == [0, 1, 2], "half a turn costs nothing"
+    straight = remove_turns(ARM, turns)
+    for k in turns:
+        assert straight.joints[k].placement == PLAIN.joints[k].placement
+    assert straight.joints[3] == ARM.joints[3]
+    assert find_turns(PANDA) == find_turns(TWO_LINK) == find_turns(straight) == {}
+
+
+@settings(max_examples=20, deadline=None)
+@given(robot=trees(most=3, followers=True, springs=True))
+def test_both_ways_give_the_same_numbers_and_the_cheaper_is_taken(robot):
+    base = find_base_parameters(robot)
+    turns = find_turns(robot)
+    rng = np.random.default_rng(8)
+    for spec in find_robot_specs(robot, base):
+        # The mass matrix of random parameters need not be one that can be solved for.
+        if spec.name == "forward_dynamics":
+            continue
+        inputs = {port.name: rng.uniform(-2, 2, port.shape) for port in spec.inputs}
+        workspace = build_workspace(robot, base, spec, turns)
+        plain = build_route_programs(robot, base, spec)
+        for name, build in ROUTES[spec.name].items():
+            instructions, outputs = workspace.table.collect(workspace.recall(build))
+            program = Program(spec=spec, instructions=instructions, outputs=outputs)
+            for mine, theirs in zip(
+                run_program(program, inputs), run_program(plain[name], inputs), strict=True
+            ):
+                scale = max(1.0, np.abs(theirs).max(initial=0.0))
+                np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-11 * scale)
+        chosen = choose_route(robot, base, spec).program
+        best = min(plain.values(), key=count)
+        assert count(chosen) <= count(best)
+        assert count_operations(chosen).trig <= count_operations(best).trig
+
+
+def test_a_turn_costs_one_sum_at_most():
+    bases = find_base_parameters(ARM), find_base_parameters(PLAIN)
+    for ours, theirs in zip(*(find_robot_specs(ARM, base) for base in bases), strict=True):
+        turned = count(choose_route(ARM, bases[0], ours).program)
+        assert turned <= find_plain_best(PLAIN, bases[1], theirs) + 3, ours.name
+        assert turned <= find_plain_best(ARM, bases[0], ours), ours.name
+    (spec,) = [spec for spec in find_robot_specs(ARM, bases[0]) if spec.name == "inverse_dynamics"]
+    assert count(choose_route(ARM, bases[0], spec).program) < 0.88 * find_plain_best(ARM, bases[0], spec)
