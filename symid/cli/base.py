@@ -40,13 +40,14 @@ def command(
     form: str,
     base_link: str | None,
     tip_link: str | None,
+    snap: float | None,
 ) -> Answer:
     """Show the base parameters: all that a robot's motions and torques can tell.
 
     For each its name, what it groups, and why; then those that were eliminated. With --of only
     what the energies, the momentum or a static test can tell.
     """
-    described = load_robot(robot, friction=friction, base=base_link, tip=tip_link)
+    described = load_robot(robot, friction=friction, base=base_link, tip=tip_link, snap=snap)
     console.progress(f"finding the base parameters of {described.name}")
     from symid.dynamics.drives import DRIVE
     from symid.dynamics.labels import write_label

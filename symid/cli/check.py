@@ -28,6 +28,7 @@ def command(
     friction: str | None,
     base_link: str | None,
     tip_link: str | None,
+    snap: float | None,
     settings: tuple[str, ...],
 ) -> Answer:
     """Check a robot file, and logs against it.
@@ -35,7 +36,7 @@ def command(
     All that is wrong is said at once, each with its file, line and column. Exit code 3 when
     something is wrong; what is only odd is a warning.
     """
-    described = load_robot(robot, split_settings(settings), friction, base=base_link, tip=tip_link)
+    described = load_robot(robot, split_settings(settings), friction, base=base_link, tip=tip_link, snap=snap)
     warnings = described.notices
     convention = _CONVENTIONS.get(described.convention, f"{described.convention} DH")
     joints = f"{described.size} joint{'s'[: described.size != 1]}"

@@ -23,14 +23,20 @@ __all__ = ["command"]
 @cut_options
 @verb
 def command(
-    console: Console, *, robot: str, latex: bool, base_link: str | None, tip_link: str | None
+    console: Console,
+    *,
+    robot: str,
+    latex: bool,
+    base_link: str | None,
+    tip_link: str | None,
+    snap: float | None,
 ) -> Answer:
     """Show how the dynamics come about, from the frames to the torques, and what code of them costs.
 
     Each step is a sentence, its formulas, and what was checked. Behind them stand the operations of
     generated functions; --json has those of every route that was counted, not of the chosen ones alone.
     """
-    described = load_robot(robot, base=base_link, tip=tip_link)
+    described = load_robot(robot, base=base_link, tip=tip_link, snap=snap)
     console.progress(f"deriving the dynamics of {described.name}")
     from symid.codegen.routes import find_route_counts
     from symid.teaching.lesson import derive_lesson

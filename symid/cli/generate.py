@@ -58,6 +58,7 @@ def command(
     friction: str | None,
     base_link: str | None,
     tip_link: str | None,
+    snap: float | None,
     output: Path,
     force: bool,
 ) -> Answer:
@@ -65,7 +66,7 @@ def command(
 
     The folder needs neither symid nor CasADi. Its self-test is run where a compiler is.
     """
-    described = load_robot(robot, friction=friction, base=base_link, tip=tip_link)
+    described = load_robot(robot, friction=friction, base=base_link, tip=tip_link, snap=snap)
     console.progress(f"deriving the functions of {described.name}")
     from symid.codegen.casadi_functions import build_functions
     from symid.codegen.options import GenerateOptions

@@ -39,6 +39,7 @@ def load_robot(
     *,
     base: str | None = None,
     tip: str | None = None,
+    snap: float | None = None,
 ) -> "Robot":
     """Return the robot of a name or path, with settings of the command line in place of the file's.
 
@@ -48,6 +49,7 @@ def load_robot(
         friction: the friction model of all joints.
         base: the link of a URDF to start from.
         tip: the link of a URDF to end at.
+        snap: angle in rad within which rotations of a URDF become multiples of pi/2.
 
     Raises:
         UsageError: there is no such robot, or a setting cannot be made here.
@@ -57,24 +59,23 @@ def load_robot(
 
     path = find_robot_file(name)
     if is_urdf(path):
-        from symid.formats.urdf import read_urdf
+        from symid.formats.urdf import SNAP, read_urdf
 
-        robot = read_urdf(path, base=base, tip=tip)
+        robot = read_urdf(path, base=base, tip=tip, snap=SNAP if snap is None else snap)
     else:
-        _refuse_cut(path, base=base, tip=tip)
+        _refuse_cut(path, base=base, tip=tip, snap=snap)
         from symid.formats.toml import read_robot
 
         robot = read_robot(path)
     return _override(robot, settings, friction) if settings or friction else robot
 
 
-def _refuse_cut(path: Path, **links: str | None) -> None:
-    for option, link in links.items():
-        if link is not None:
-            text = (
-                f"--{option} {link}: only a URDF is cut at its links; "
-                "leave the option out, or the joints out of the file"
-            )
+def _refuse_cut(path: Path, **options: object) -> None:
+    for option, value in options.items():
+        if value is not None:
+            what = "rounded" if option == "snap" else "cut at its links"
+            remedy = "write the angles exactly" if option == "snap" else "leave the joints out of the file"
+            text = f"--{option} {value}: only a URDF is {what}; leave the option out, or {remedy}"
             raise UsageError(Notice(code="usage.no-urdf", text=text, file=str(path)))
 
 

@@ -70,11 +70,17 @@ set_option = click.option(
 
 
 def cut_options(function: Callable[P, R]) -> Callable[P, R]:
-    """Give a verb the links between which a URDF is cut."""
+    """Give a verb the links between which a URDF is cut, and how its angles are read."""
     options = (
         click.option("--base", "base_link", metavar="LINK", help="Of a URDF: the link to start from."),
         click.option(
             "--tip", "tip_link", metavar="LINK", help="Of a URDF: the link to end at; branches are cut off."
+        ),
+        click.option(
+            "--snap",
+            type=FiniteRange(min=0.0, max=0.01),
+            metavar="RAD",
+            help="Of a URDF: angles this near to a quarter turn become one; 0 for none.  [default: 1e-5]",
         ),
     )
     for option in reversed(options):

@@ -21,6 +21,7 @@ from symid.formats.assembly import build_robot
 from symid.formats.forms import parse_form
 from symid.formats.positions import KeyPath, Place, Places
 from symid.formats.section import Report, Section, find_nearest, to_decimal
+from symid.formats.text_file import read_text_file
 from symid.robot.description import Robot
 
 __all__ = ["parse_dh_table", "read_dh_table"]
@@ -69,15 +70,7 @@ def read_dh_table(path: Path, convention: str, gravity: tuple[str, str, str] = (
     Raises:
         RobotError: with a notice for each mistake in the file, in the order of their places.
     """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        message = f"cannot be read: {error.strerror or error}"
-        raise RobotError(Notice(code="robot.unreadable", text=message, file=str(path))) from error
-    except UnicodeDecodeError as error:
-        message = f"not UTF-8 text (byte {error.start}); save the file as UTF-8"
-        raise RobotError(Notice(code="robot.unreadable", text=message, file=str(path))) from error
-    return parse_dh_table(text, convention, gravity, str(path))
+    return parse_dh_table(read_text_file(path), convention, gravity, str(path))
 
 
 def parse_dh_table(

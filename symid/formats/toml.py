@@ -15,6 +15,7 @@ from symid.errors import Notice, RobotError
 from symid.formats.assembly import build_robot
 from symid.formats.positions import find_places
 from symid.formats.section import Report, Section
+from symid.formats.text_file import read_text_file
 from symid.robot.description import Robot
 
 __all__ = ["parse_robot", "read_robot"]
@@ -28,17 +29,7 @@ def read_robot(path: Path) -> Robot:
     Raises:
         RobotError: with a notice for each mistake in the file, in the order of their places.
     """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        reason = error.strerror or "it cannot be read"
-        raise RobotError(
-            Notice(code="robot.unreadable", text=f"cannot be read: {reason}", file=str(path))
-        ) from error
-    except UnicodeDecodeError as error:
-        message = f"not UTF-8 text (byte {error.start}); save the file as UTF-8"
-        raise RobotError(Notice(code="robot.unreadable", text=message, file=str(path))) from error
-    return parse_robot(text, str(path))
+    return parse_robot(read_text_file(path), str(path))
 
 
 def parse_robot(text: str, file: str = "robot.toml") -> Robot:

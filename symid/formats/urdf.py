@@ -20,6 +20,7 @@ import numpy as np
 
 from symid.errors import Notice, RobotError
 from symid.formats.section import BASE
+from symid.formats.text_file import read_text_file
 from symid.formats.urdf_drives import read_drives
 from symid.formats.urdf_elements import Document, parse_document
 from symid.formats.urdf_joints import UrdfJoint, read_joint_elements
@@ -44,7 +45,10 @@ from symid.robot.log_map import Processing
 from symid.robot.lumping import Lumped, lump_fixed
 from symid.robot.reframing import Reframed, reframe_joints
 
-__all__ = ["parse_urdf", "read_urdf"]
+__all__ = ["SNAP", "parse_urdf", "read_urdf"]
+
+SNAP = 1e-5
+"""Angles as near as this to a multiple of pi/2 mean it, in rad."""
 
 _GRAVITY = (ZERO, ZERO, Exact.of("-9.81"))
 _NOTHING = (0.0,) * 10
@@ -52,7 +56,7 @@ _ROUNDED = 1e-9
 _PARTS = ("link", "joint", "transmission", "loop_joint")
 
 
-def read_urdf(path: Path, *, base: str | None = None, tip: str | None = None, snap: float = 1e-5) -> Robot:
+def read_urdf(path: Path, *, base: str | None = None, tip: str | None = None, snap: float = SNAP) -> Robot:
     """Return the robot that the URDF at `path` describes.
 
     Args:
@@ -65,17 +69,7 @@ def read_urdf(path: Path, *, base: str | None = None, tip: str | None = None, sn
     Raises:
         RobotError: with a notice for each mistake in the file, in the order of their places.
     """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        reason = error.strerror or "it cannot be read"
-        raise RobotError(
-            Notice(code="robot.unreadable", text=f"cannot be read: {reason}", file=str(path))
-        ) from error
-    except UnicodeDecodeError as error:
-        message = f"not UTF-8 text (byte {error.start}); save the file as UTF-8"
-        raise RobotError(Notice(code="robot.unreadable", text=message, file=str(path))) from error
-    return parse_urdf(text, str(path), base=base, tip=tip, snap=snap)
+    return parse_urdf(read_text_file(path), str(path), base=base, tip=tip, snap=snap)
 
 
 def parse_urdf(
@@ -84,7 +78,7 @@ def parse_urdf(
     *,
     base: str | None = None,
     tip: str | None = None,
-    snap: float = 1e-5,
+    snap: float = SNAP,
 ) -> Robot:
     """Return the robot that `text` describes; messages call the text `file`. See `read_urdf`.
 

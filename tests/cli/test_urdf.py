@@ -115,3 +115,23 @@ def test_check_counts_one_joint_and_names_origins(capsys, urdf, robots_folder):
     assert "panda, 1 joint, URDF: no mistakes" in capsys.readouterr().out
     assert run(["check", str(robots_folder / "quadruped.toml"), "-q"]) == 0
     assert "DH" not in capsys.readouterr().out
+
+
+def test_rounding_of_angles_can_be_turned_off(capsys, tmp_path):
+    path = tmp_path / "wrist.urdf"
+    links = "".join(f'<link name="{name}"/>' for name in "abc")
+    path.write_text(
+        f'<robot name="wrist">{links}'
+        '<joint name="j1" type="continuous"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint>'
+        '<joint name="j2" type="continuous"><parent link="b"/><child link="c"/><axis xyz="0 0 1"/>'
+        '<origin rpy="1.5708 0 0"/></joint></robot>',
+        encoding="utf-8",
+    )
+    _, rounded = call_json(capsys, "base", path)
+    assert rounded["result"]["parameters"][0]["expression"] == "ZZ1 + YY2"
+    assert "robot.angle-snapped" in {warning["code"] for warning in rounded["warnings"]}
+    _, exact = call_json(capsys, "base", path, "--snap", "0")
+    assert "MZ2" not in rounded["result"]["parameters"][0]["expression"]
+    assert exact["result"]["parameters"][0]["expression"].startswith("ZZ1 + ~0.99999999998")
+    code, answer = call_json(capsys, "base", "panda", "--snap", "0")
+    assert (code, answer["errors"][0]["code"]) == (2, "usage.no-urdf")
