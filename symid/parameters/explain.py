@@ -18,6 +18,7 @@ _INERTIA = ("XX", "XY", "XZ", "YY", "YZ", "ZZ")
 _FRICTION = ("Fv", "Fc", "Fvp", "Fcp", "Fvn", "Fcn", "offset")
 _SPRING = ("KS", "KR")
 _CONSTANT = ("offset", "Fcp", "Fcn", "KR")
+_MOVING = ("Fv", "Fc", "Fvp", "Fvn", "KS")
 _SHOWN = {
     "torque": "neither motion nor gravity",
     "energy": "neither kinetic nor potential energy",
@@ -191,7 +192,10 @@ def _explain_transfer(robot: Robot, label: Label, heads: Sequence[Label]) -> str
 def _explain_torque(robot: Robot, label: Label, heads: Sequence[Label]) -> str:
     """Return why a friction or spring parameter has the effect of another."""
     index, name = label
-    if name not in _CONSTANT or any(head[1] in ("Fv", "Fc", "Fvp", "Fvn", "KS") for head in heads):
+    steps = [head for head in heads if head[1] in ("Fcp", "Fcn")]
+    # Both steps together can make a constant; one of them alone is a function of the speed's sign.
+    alone = name in ("Fcp", "Fcn") and len(steps) == 1
+    if name not in _CONSTANT or alone or any(head[1] in _MOVING for head in heads):
         return "it acts on the same coordinate, in proportion to the same function"
     sliding = is_prismatic(robot, index)
     force = "force" if sliding else "torque"

@@ -122,3 +122,13 @@ def test_a_drive_whose_factors_cancel_stands_still():
     base = find_base_parameters(replace(robot, joints=joints, couplings=(drive,)))
     reasons = {entry.name: entry.reason for entry in base.eliminated}
     assert reasons["IAm"].startswith("no effect: rotor of drive m, which stands still: its factors cancel")
+
+
+def test_the_steps_of_a_follower_are_no_constants():
+    robot = build_chain([(0.0, 0, 0, "q"), (PI / 2, 0, 0, "q")], friction=FrictionKind.ASYMMETRIC)
+    joints = (robot.joints[0], replace(robot.joints[1], mimic=Mimic(master=0, multiplier=Fraction(-1, 2))))
+    base = find_base_parameters(replace(robot, joints=joints))
+    reasons = {entry.name: entry.reason for entry in base.eliminated}
+    assert reasons["Fcp2"] == (
+        "grouped into FcnR1: it acts on the same coordinate, in proportion to the same function"
+    )
