@@ -182,6 +182,7 @@ def find_base_parameters(robot: Robot, *, form: str = "torque") -> BaseParameter
 
     Raises:
         ValueError: there is no such form.
+        RobotError: three joints share a coordinate, next to symbolic lengths and angles with roots.
     """
     if form not in FORMS:
         message = f"there is no form {form!r}; allowed are {', '.join(FORMS)}"

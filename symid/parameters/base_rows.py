@@ -5,6 +5,7 @@ no torque, and every other one does. `visibility` holds the argument.
 
 Supported: trees, joints that follow others, coupled drives, springs, friction; the torque, or the part of it
 that comes from gravity alone, or the momentum alone.
+Not supported: symbolic lengths next to angles of 30 or 45 degrees where three joints share a coordinate.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,8 +16,9 @@ from sympy import QQ
 from sympy.polys.domains.domain import Domain
 
 from symid.algebra.elimination import Row
-from symid.algebra.exact import find_domain, find_number
+from symid.algebra.exact import find_domain, find_number, find_symbols
 from symid.dynamics.labels import Label
+from symid.errors import Notice, RobotError
 from symid.joint.friction_parts import find_constant_torques, find_friction_rows
 from symid.notation import INERTIAL
 from symid.parameters.blocks import Block, find_blocks
@@ -50,8 +52,32 @@ class _Tree:
     carried: Mapping[int, Sequence[tuple[int, Linear]]]
 
 
+_MOST_SHARING = 2
+
+
+def _check_effort(robot: Robot, field: Domain) -> None:
+    """Refuse what would not end: rational functions over roots, in a coordinate that three joints share.
+
+    Raises:
+        RobotError: naming the joints and the symbols.
+    """
+    if not field.is_FractionField or not field.field.domain.is_Algebraic:
+        return
+    masters = [row[0][0] for row in robot.transmission[: robot.size]]
+    for position in range(robot.freedom):
+        sharing = [joint.name for joint, own in zip(robot.joints, masters, strict=True) if own == position]
+        if len(sharing) > _MOST_SHARING:
+            text = (
+                f"joints {', '.join(sharing)} move with one coordinate, angles are multiples of 30 or 45 "
+                f"degrees, and lengths are symbols ({', '.join(find_symbols(robot))}): exact base parameters "
+                "of all three together take too long; write the lengths as numbers"
+            )
+            raise RobotError(Notice(code="robot.too-symbolic", text=text, file=robot.path))
+
+
 def _build_tree(robot: Robot) -> _Tree:
     field = find_field(robot)
+    _check_effort(robot, field)
     blocks = find_blocks(robot)
     transports = tuple(find_transport(robot, block, field) for block in blocks)
     carried: dict[int, list[tuple[int, Linear]]] = {}
@@ -103,6 +129,9 @@ def find_shown_rows(robot: Robot, form: str) -> Shown:
     Args:
         robot: the robot.
         form: "torque" or "energy" for all, "gravity" for torques at rest, "momentum" for dT/ddq.
+
+    Raises:
+        RobotError: symbols, roots and followers together make exact arithmetic too slow.
     """
     tree = _build_tree(robot)
     field = tree.field

@@ -6,6 +6,7 @@ from fractions import Fraction
 import pytest
 
 from symid.dynamics.labels import find_label_unit
+from symid.errors import RobotError
 from symid.parameters.base import FORMS, build_standard_parameters, find_base_parameters
 from symid.robot.description import Coupling, FrictionKind, FrictionValues, Mimic, Spring
 from tests.chains import PANDA, PI, PUMA560, TWO_LINK, build_chain
@@ -132,3 +133,16 @@ def test_the_steps_of_a_follower_are_no_constants():
     assert reasons["Fcp2"] == (
         "grouped into FcnR1: it acts on the same coordinate, in proportion to the same function"
     )
+
+
+def test_what_would_not_end_is_refused():
+    robot = build_chain([(PI / 6, 0, 0, "q"), (-PI / 2, 0.1, 0, "q"), (-PI / 2, "A2", 0, "q")])
+    joints = [replace(joint, mimic=Mimic(master=1, multiplier=Fraction(-1))) for joint in robot.joints]
+    shared = replace(robot, joints=(joints[0], robot.joints[1], joints[2]))
+    with pytest.raises(
+        RobotError, match=r"joint1, joint2, joint3 move with one coordinate.*\(A2\)"
+    ) as caught:
+        find_base_parameters(shared)
+    assert caught.value.notices[0].code == "robot.too-symbolic"
+    alone = replace(robot, joints=(robot.joints[0], robot.joints[1], joints[2]))
+    assert find_base_parameters(alone).count > 0, "two joints on one coordinate are no trouble"
