@@ -70,7 +70,7 @@ def _keep_model(robot: Robot) -> Robot:
 
     def keep(joint: Joint) -> Joint:
         drive = replace(joint.drive, torque_constant=None)
-        return replace(joint, limits=Limits(), drive=drive, elasticity=None)
+        return replace(joint, limits=Limits(), drive=drive)
 
     return replace(
         robot,

@@ -14,6 +14,7 @@ from typing import Any
 
 from symid.provenance import find_signature
 from symid.robot.description import Robot
+from symid.robot.elasticity import Elasticity, Knee, Stop
 
 __all__ = [
     "FollowerCard",
@@ -112,7 +113,9 @@ class ModelCard:
     `beta` describes the base inertial parameters (drives included), `friction` the friction
     parameters; both in the order of the vectors of the same names. Values are those of the
     robot file, where it states all of them. `vector` is "beta", or "pi" where functions take all
-    standard parameters, which `beta` then lists.
+    standard parameters, which `beta` then lists. `elasticity` holds what the robot file says of every
+    coordinate's spring, empty where no joint is elastic; `rotors` are the rotor inertias of elastic joints,
+    which move with their motors and so take no part in `beta`.
     """
 
     robot: str
@@ -123,6 +126,13 @@ class ModelCard:
     functions: tuple[FunctionSpec, ...]
     vector: str = "beta"
     followers: tuple[FollowerCard, ...] = ()
+    rotors: tuple[ParameterCard, ...] = ()
+    elasticity: tuple[Elasticity | None, ...] = ()
+
+    @property
+    def elastic(self) -> bool:
+        """Return whether every coordinate belongs to an elastic joint."""
+        return bool(self.elasticity) and None not in self.elasticity
 
     @property
     def size(self) -> int:
@@ -169,15 +179,25 @@ def read_model_card(text: str) -> ModelCard:
         functions=tuple(map(spec, data["functions"])),
         vector=data["vector"],
         followers=tuple(FollowerCard(**entry) for entry in data["followers"]),
+        rotors=tuple(ParameterCard(**entry) for entry in data["rotors"]),
+        elasticity=tuple(map(_read_elasticity, data["elasticity"])),
     )
+
+
+def _read_elasticity(entry: Mapping[str, Any] | None) -> Elasticity | None:
+    if entry is None:
+        return None
+    stops = tuple(Stop(**stop) for stop in entry["stops"])
+    knees = tuple(Knee(**knee) for knee in entry["knees"])
+    return Elasticity(**{**entry, "stops": stops, "knees": knees})
 
 
 def find_model_signature(robot: Robot, parameters: Sequence[tuple[str, str]]) -> str:
     """Return the signature of a model: what two sets of numbers must share to mean the same.
 
     Args:
-        robot: names, joints, placements, drives with a rotor, friction models, gravity and lengths count;
-            not the values of parameters (they are arguments), nor how its logs read.
+        robot: names, joints, placements, drives with a rotor, friction models, which joints are elastic,
+            gravity and lengths count; not the values of parameters (they are arguments), nor how logs read.
         parameters: name and expression of every base and friction parameter, in order.
     """
     joints = tuple(
@@ -189,8 +209,9 @@ def find_model_signature(robot: Robot, parameters: Sequence[tuple[str, str]]) ->
                 joint.placement,
                 joint.drive.has_rotor,
                 joint.friction.kind,
+                joint.friction.smoothing,
             ),
-            (joint.mimic, joint.spring is not None),
+            (joint.mimic, joint.spring is not None, joint.elasticity is not None),
         )
         for joint in robot.joints
     )

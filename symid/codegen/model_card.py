@@ -48,6 +48,19 @@ def _write_joints(robot: Robot) -> Iterator[JointCard]:
             yield JointCard(number=number, name=joint.name, kind=joint.kind.value, friction=friction)
 
 
+def _write_rotors(robot: Robot) -> Iterator[ParameterCard]:
+    for index, joint in enumerate(robot.joints):
+        if joint.elasticity is not None and joint.drive.has_rotor:
+            yield ParameterCard(
+                name=f"IA{index + 1}",
+                expression=f"IA{index + 1}",
+                unit=find_label_unit(robot, (index, "IA")),
+                reason="the rotor turns with the motor, apart from the link",
+                joint=joint.name,
+                value=joint.drive.rotor_inertia,
+            )
+
+
 def _write_followers(robot: Robot) -> Iterator[FollowerCard]:
     for number, joint in enumerate(robot.joints, start=1):
         if joint.mimic is not None:
@@ -79,4 +92,6 @@ def build_model_card(robot: Robot, base: BaseParameters, specs: tuple[FunctionSp
         functions=specs,
         vector=base.vector,
         followers=tuple(_write_followers(robot)),
+        rotors=tuple(_write_rotors(robot)),
+        elasticity=tuple(joint.elasticity for joint in robot.axes) if any(robot.elastic) else (),
     )

@@ -9,7 +9,7 @@ from symid.algebra.scalar import spread_coordinates
 from symid.codegen.outputs import lay_coordinates, lay_vector, line_up
 from symid.codegen.workspace import Elements, Workspace
 from symid.dynamics.kinematics import find_jacobian, find_link_poses
-from symid.joint.friction import FRICTION_MODELS, find_friction
+from symid.joint.friction import FRICTION_MODELS, find_friction, find_friction_columns
 from symid.robot.geometry import Exact
 
 __all__ = ["build_forward_kinematics", "build_friction", "build_friction_matrix", "build_jacobian"]
@@ -36,8 +36,9 @@ def _find_columns(workspace: Workspace) -> list[list[int]]:
     columns = []
     for parameter in workspace.base.friction:
         index, name = parameter.label
-        model = FRICTION_MODELS[find_friction(robot, index).kind]
-        entry = model.columns(algebra, speeds[index])[model.parameters.index(name)]
+        friction = find_friction(robot, index)
+        columns_of_model = find_friction_columns(friction, algebra, speeds[index])
+        entry = columns_of_model[FRICTION_MODELS[friction.kind].parameters.index(name)]
         column = [algebra.zero] * robot.freedom
         for position, factor in robot.transmission[index]:
             column[position] = algebra.mul(algebra.constant(Exact.of(factor)), entry)

@@ -65,6 +65,14 @@ class ValueAlgebra:
         """Return -1, 0 or 1."""
         return self.table.apply(Op.SIGN, value)
 
+    def scale(self, factor: float, value: int) -> int:
+        """Return factor * value."""
+        return self.table.mul(self.table.constant(factor), value)
+
+    def tanh(self, value: int) -> int:
+        """Return the hyperbolic tangent."""
+        return self.table.apply(Op.TANH, value)
+
     def absolute(self, value: int) -> int:
         """Return |value|."""
         return self.table.apply(Op.ABS, value)

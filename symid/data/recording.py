@@ -21,6 +21,10 @@ class Recording:
         position: (N, n) rad or m, joint side.
         torque: (N, n) N m or N, joint side.
         velocity: (N, n) rad/s or m/s where the log has it.
+        motor_position: (N, n) theta, rad or m, joint side, where the log has motor encoders besides
+            `position`, which is then that of the links.
+        link_position: (N, n) q, rad or m, where the log has link encoders besides `position`, which is then
+            that of the motors. At most one of the two is there.
         source: the file it was read from, or what made it.
         notices: what a reader should know: conversions made, columns not used.
         extras: numeric columns of the log that are none of these, as logged.
@@ -30,6 +34,8 @@ class Recording:
     position: FloatArray
     torque: FloatArray
     velocity: FloatArray | None = None
+    motor_position: FloatArray | None = None
+    link_position: FloatArray | None = None
     source: str = ""
     notices: tuple[Notice, ...] = ()
     extras: Mapping[str, FloatArray] = field(default_factory=dict)
@@ -38,8 +44,10 @@ class Recording:
         """Copy the arrays and make them read-only."""
         for name in ("time", "position", "torque"):
             object.__setattr__(self, name, freeze(getattr(self, name)))
-        if self.velocity is not None:
-            object.__setattr__(self, "velocity", freeze(self.velocity))
+        for name in ("velocity", "motor_position", "link_position"):
+            values = getattr(self, name)
+            if values is not None:
+                object.__setattr__(self, name, freeze(values))
         object.__setattr__(self, "extras", {name: freeze(values) for name, values in self.extras.items()})
 
     @property

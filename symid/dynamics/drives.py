@@ -32,10 +32,13 @@ Key = tuple[int, str]
 
 
 def list_drive_parameters(robot: Robot) -> tuple[Key, ...]:
-    """Return the drive parameters of the robot: those of the joints, then of the couplings."""
+    """Return the drive parameters of the robot: those of the joints, then of the couplings.
+
+    The rotor of an elastic joint moves with the motor, not with the link: its inertia is not among them.
+    """
     keys: list[Key] = []
     for index, joint in enumerate(robot.joints):
-        keys += [(index, "IA")] if joint.drive.has_rotor else []
+        keys += [(index, "IA")] if joint.drive.has_rotor and joint.elasticity is None else []
         keys += [(index, "KS"), (index, "KR")] if joint.spring else []
     keys += [(robot.size + k, "IA") for k, entry in enumerate(robot.couplings) if entry.has_rotor]
     return tuple(keys)

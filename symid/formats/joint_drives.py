@@ -25,7 +25,8 @@ from symid.formats.section import (
     read_text,
     refuse_unknown_keys,
 )
-from symid.robot.description import Coupling, Drive, Elasticity, JointKind, Spring
+from symid.robot.description import Coupling, Drive, JointKind, Spring
+from symid.robot.elasticity import Elasticity
 
 __all__ = ["list_tables", "read_couplings", "read_drive", "read_elasticity", "read_spring"]
 

@@ -3,17 +3,25 @@
 Input: a joint velocity in any carrier that has a sign function. Output: one column per
 parameter; the friction torque is their sum, positive against positive velocity.
 
-Supported: viscous and Coulomb, with offset, asymmetric. sign(0) = 0.
+Supported: viscous and Coulomb, with offset, asymmetric; sign(0) = 0, or tanh(v / v0) in place of the sign.
 Not supported: models with nonlinear parameters, such as Stribeck.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 from symid.robot.description import FrictionKind, FrictionValues, Robot
 
-__all__ = ["FRICTION_MODELS", "FrictionAlgebra", "FrictionModel", "find_friction", "list_friction_parameters"]
+__all__ = [
+    "FRICTION_MODELS",
+    "FrictionAlgebra",
+    "FrictionModel",
+    "SmoothAlgebra",
+    "find_friction",
+    "find_friction_columns",
+    "list_friction_parameters",
+]
 
 V = TypeVar("V")
 
@@ -41,6 +49,16 @@ class FrictionAlgebra(Protocol[V]):
         """Return |value|."""
 
 
+class SmoothAlgebra(FrictionAlgebra[V], Protocol[V]):
+    """What a friction column whose dry friction is smoothed may use besides."""
+
+    def scale(self, factor: float, value: V) -> V:
+        """Return factor * value."""
+
+    def tanh(self, value: V) -> V:
+        """Return the hyperbolic tangent."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionModel:
     """A friction model: the names of its parameters (see `notation`) and their columns."""
@@ -49,6 +67,41 @@ class FrictionModel:
     parameters: tuple[str, ...]
     columns: Callable[[FrictionAlgebra[V], V], tuple[V, ...]]
     formula: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Smoothed(Generic[V]):
+    """A carrier in which sign(v) is tanh(v / v0): dry friction that changes its sign over a speed v0."""
+
+    carrier: SmoothAlgebra[V]
+    speed: float
+
+    @property
+    def one(self) -> V:
+        return self.carrier.one
+
+    def add(self, left: V, right: V) -> V:
+        return self.carrier.add(left, right)
+
+    def sub(self, left: V, right: V) -> V:
+        return self.carrier.sub(left, right)
+
+    def half(self, value: V) -> V:
+        return self.carrier.half(value)
+
+    def sign(self, value: V) -> V:
+        return self.carrier.tanh(self.carrier.scale(1.0 / self.speed, value))
+
+    def absolute(self, value: V) -> V:
+        return self.carrier.absolute(value)
+
+
+def find_friction_columns(friction: FrictionValues, algebra: SmoothAlgebra[V], velocity: V) -> tuple[V, ...]:
+    """Return one column per parameter of a joint's friction model, at `velocity` (rad/s or m/s)."""
+    model = FRICTION_MODELS[friction.kind]
+    if friction.smoothing > 0.0:
+        return model.columns(_Smoothed(algebra, friction.smoothing), velocity)
+    return model.columns(algebra, velocity)
 
 
 def _viscous_coulomb(algebra: FrictionAlgebra[V], velocity: V) -> tuple[V, ...]:

@@ -21,13 +21,13 @@ from enum import Enum
 from fractions import Fraction
 
 from symid.errors import Notice, RobotError
+from symid.robot.elasticity import Elasticity
 from symid.robot.geometry import IDENTITY, ZERO, Exact, Placement
 from symid.robot.log_map import LogMap, Processing
 
 __all__ = [
     "Coupling",
     "Drive",
-    "Elasticity",
     "FrictionKind",
     "FrictionValues",
     "Joint",
@@ -61,10 +61,15 @@ class FrictionKind(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionValues:
-    """The friction model of a joint and, where known, its values in the model's own order."""
+    """The friction model of a joint and, where known, its values in the model's own order.
+
+    `smoothing` is the speed v0 (rad/s or m/s) over which dry friction changes its sign: tanh(v / v0) stands
+    in place of sign(v). 0 is the step itself.
+    """
 
     kind: FrictionKind = FrictionKind.NONE
     values: tuple[float, ...] | None = None
+    smoothing: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,13 +112,6 @@ class Spring:
 
     stiffness: float | None = None
     rest: float | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Elasticity:
-    """A joint that gives between motor and link: `stiffness` of its spring (N m/rad or N/m), where known."""
-
-    stiffness: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -230,6 +228,11 @@ class Robot:
     def axes(self) -> tuple[Joint, ...]:
         """Return the joints that have a coordinate of their own."""
         return tuple(joint for joint in self.joints if joint.mimic is None)
+
+    @property
+    def elastic(self) -> tuple[bool, ...]:
+        """Return for each coordinate whether its joint gives between motor and link."""
+        return tuple(joint.elasticity is not None for joint in self.axes)
 
     @property
     def transmission(self) -> tuple[tuple[tuple[int, Fraction], ...], ...]:

@@ -35,6 +35,8 @@ class LogMap:
     position: LogQuantity | None = None
     velocity: LogQuantity | None = None
     torque: LogQuantity | None = None
+    motor_position: LogQuantity | None = None
+    link_position: LogQuantity | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

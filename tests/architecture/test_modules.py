@@ -22,6 +22,8 @@ ROOMS = (
     "excitation",
     "simulation",
     "identification",
+    "elastic",
+    "study",
     "report",
     "cli",
 )
@@ -29,7 +31,17 @@ MODULES = tuple(sorted(path for path in PACKAGE.rglob("*.py") if "_data" not in 
 LONGEST_MODULE = 400
 LONGEST_FUNCTION = 60
 # Identification runs on a machine without SymPy; these rooms must not need it to be imported.
-WITHOUT_SYMBOLS = ("robot", "formats", "data", "excitation", "simulation", "identification", "report")
+WITHOUT_SYMBOLS = (
+    "robot",
+    "formats",
+    "data",
+    "excitation",
+    "simulation",
+    "identification",
+    "elastic",
+    "study",
+    "report",
+)
 LIGHT_MODULES = frozenset({"symid.codegen.functions", "symid.codegen.library", "symid.codegen.cache"})
 SYMBOLIC = frozenset({"sympy", "casadi"})
 

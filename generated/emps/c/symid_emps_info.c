@@ -8,10 +8,10 @@ const char *symid_emps_version(void)
 
 const char *symid_emps_signature(void)
 {
-    return "f7e0d3bd0732720a702cd204725cf10778a36106456b788fd1e3aa91941e5510";
+    return "38550fe8841ed57da2ac52aaadfcfb5981b11fa937aa38769adfc8e513a4b4c3";
 }
 
 const char *symid_emps_digest(void)
 {
-    return "bfb90d1d2dfaa4e1ae8d1c2390edafc34dcb7e9c8a7132e3fe8aadccc242b58b";
+    return "7a19120836745f6c01615069ebc88044a1c453585104c541b08ecaa6f0af06d3";
 }

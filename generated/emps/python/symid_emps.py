@@ -22,7 +22,7 @@ import numpy as np
 __all__ = ["forward_kinematics", "jacobian", "mass_matrix", "coriolis_matrix", "gravity", "bias", "inverse_dynamics", "forward_dynamics", "inverse_dynamics_derivatives", "energy", "energy_regressor", "momentum_regressor", "lagrange_regressor", "torque_regressor", "slotine_li_regressor", "friction", "friction_regressor"]
 
 VERSION = "0.1.0"
-SIGNATURE = "f7e0d3bd0732720a702cd204725cf10778a36106456b788fd1e3aa91941e5510"
+SIGNATURE = "38550fe8841ed57da2ac52aaadfcfb5981b11fa937aa38769adfc8e513a4b4c3"
 
 
 def _sign(x):

@@ -8,10 +8,10 @@ const char *symid_two_link_version(void)
 
 const char *symid_two_link_signature(void)
 {
-    return "2f4e71474e29ea9443e27c6b55371c7776fb9e1b4f59da60ed83ecc3380d6609";
+    return "2345c6f8684893de98eff84b353a80b25029605a256e7cd47bb93bd5d7ac5c15";
 }
 
 const char *symid_two_link_digest(void)
 {
-    return "0f763a4a2d75ff48c657f2ac33c91e47bb4f4e02c533e282df3770d1245e2b54";
+    return "32dea211e325a65ab620780199b6962d6652bad423d36f21df61f8b0a1860d9d";
 }

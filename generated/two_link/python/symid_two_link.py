@@ -31,7 +31,7 @@ import numpy as np
 __all__ = ["forward_kinematics", "jacobian", "mass_matrix", "coriolis_matrix", "gravity", "bias", "inverse_dynamics", "forward_dynamics", "inverse_dynamics_derivatives", "energy", "energy_regressor", "momentum_regressor", "lagrange_regressor", "torque_regressor", "slotine_li_regressor", "friction", "friction_regressor"]
 
 VERSION = "0.1.0"
-SIGNATURE = "2f4e71474e29ea9443e27c6b55371c7776fb9e1b4f59da60ed83ecc3380d6609"
+SIGNATURE = "2345c6f8684893de98eff84b353a80b25029605a256e7cd47bb93bd5d7ac5c15"
 
 
 def _sign(x):

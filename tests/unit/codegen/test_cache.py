@@ -18,7 +18,8 @@ from symid.codegen.cache_folder import make_temporary_folder
 from symid.codegen.compiler import Compiler, compile_sources, find_compiler
 from symid.errors import GenerationError, OutputError
 from symid.formats.toml import read_robot
-from symid.robot.description import Elasticity, Limits
+from symid.robot.description import Limits
+from symid.robot.elasticity import Elasticity
 from symid.robot.log_map import Processing
 
 NAMES = ("mass_matrix", "friction")
@@ -70,16 +71,18 @@ def test_the_key_sees_what_matters_and_nothing_else(robot):
     key = find_library_key(robot, None, compiler)
     assert key == find_library_key(replace(robot, processing=Processing(drop_first=7)), None, compiler)
     assert key == find_library_key(replace(robot, path="elsewhere", description="x"), None, compiler)
-    elastic = replace(robot.joints[0], elasticity=Elasticity(stiffness=1e4), limits=Limits(torque=3.0))
-    assert key == find_library_key(replace(robot, joints=(elastic, *robot.joints[1:])), None, compiler)
+    limited = replace(robot.joints[0], limits=Limits(torque=3.0))
+    assert key == find_library_key(replace(robot, joints=(limited, *robot.joints[1:])), None, compiler)
+    elastic = replace(robot.joints[0], elasticity=Elasticity(stiffness=1e4))
     others = [
         find_library_key(replace(robot, name="other"), None, compiler),
         find_library_key(robot, NAMES, compiler),
         find_library_key(robot, None, None),
         find_library_key(robot, None, replace(compiler, version="cc 2")),
         find_library_key(robot, None, replace(compiler, flags=("-O3",))),
+        find_library_key(replace(robot, joints=(elastic, *robot.joints[1:])), None, compiler),
     ]
-    assert len({key, *others}) == 6
+    assert len({key, *others}) == 7
 
 
 def test_without_a_compiler_the_python_module_is_used_and_said(robot, tmp_path):

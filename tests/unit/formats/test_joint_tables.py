@@ -8,7 +8,8 @@ import pytest
 
 from symid.errors import RobotError
 from symid.formats.toml import parse_robot
-from symid.robot.description import Coupling, Elasticity, FrictionKind, JointKind, LinkForm, Mimic, Spring
+from symid.robot.description import Coupling, FrictionKind, JointKind, LinkForm, Mimic, Spring
+from symid.robot.elasticity import Elasticity
 from symid.robot.geometry import IDENTITY, Exact, Placement, compose_placements, find_angle, rotate_z
 from symid.robot.inertia import move_parameters
 from symid.robot.log_map import LogQuantity

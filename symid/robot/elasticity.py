@@ -1,0 +1,107 @@
+"""The spring between a motor and its link: how it gives, hardens and loses energy.
+
+Input: numbers, checked by the readers. Output: `Elasticity`, a part of `Joint`.
+
+    v = k0 phi + k3 phi^3 + sum_i k_i E_i[phi],   tau_J = v + sum_j s_j S_j(v) + D dphi
+
+phi = theta - q is the torsion; E_i is the stop operator of threshold r_i (a spring k_i behind dry friction
+k_i r_i); S_j is the one-sided dead zone that begins at torque R_j, max(v - R_j, 0) for R_j > 0 and
+min(v - R_j, 0) for R_j < 0. With k_i >= 0 the element is passive. This is the modified
+Prandtl-Ishlinskii model (Kuhnen 2003) in its passive form; the outer function has slope one at v = 0, so that
+v is in N m.
+
+Supported: linear and cubic springs, any number of stops and knees, linear damping.
+Not supported: stiffness that depends on the position or the load of the joint.
+"""
+
+import math
+from dataclasses import dataclass
+
+from symid.errors import Notice, RobotError
+
+__all__ = ["Elasticity", "Knee", "Stop"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, order=True)
+class Stop:
+    """A spring behind dry friction: it slips where its own torsion reaches `threshold` (rad or m).
+
+    `stiffness` in N m/rad or N/m; None where it is to be identified.
+    """
+
+    threshold: float
+    stiffness: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, order=True)
+class Knee:
+    """A change of slope of the outer function: `slope` is added beyond the torque `threshold` (N m or N).
+
+    A positive threshold acts above it, a negative one below it.
+    """
+
+    threshold: float
+    slope: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Elasticity:
+    """A joint that gives between motor and link.
+
+    Args:
+        stiffness: k0, N m/rad or N/m: what is left when all stops slip; None where unknown.
+        damping: D, N m s/rad or N s/m.
+        cubic: k3, N m/rad^3 or N/m^3.
+        stops: thresholds increasing.
+        knees: thresholds increasing, negative ones first.
+    """
+
+    stiffness: float | None = None
+    damping: float = 0.0
+    cubic: float = 0.0
+    stops: tuple[Stop, ...] = ()
+    knees: tuple[Knee, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check what every later stage relies on.
+
+        Raises:
+            RobotError: thresholds that are not increasing, or zero; an outer function that does not rise.
+        """
+        mistakes = [*_find_order_mistakes(self), *_find_slope_mistakes(self)]
+        if mistakes:
+            raise RobotError(*(Notice(code="robot.invalid-elasticity", text=text) for text in mistakes))
+
+    @property
+    def initial_stiffness(self) -> float | None:
+        """Return the stiffness right after a reversal, k0 + sum k_i; None where a part is unknown."""
+        parts = [self.stiffness, *(stop.stiffness for stop in self.stops)]
+        known = [part for part in parts if part is not None]
+        return math.fsum(known) if len(known) == len(parts) else None
+
+
+def _find_order_mistakes(elasticity: Elasticity) -> list[str]:
+    stops = [stop.threshold for stop in elasticity.stops]
+    knees = [knee.threshold for knee in elasticity.knees]
+    mistakes = []
+    if any(not threshold > 0 for threshold in stops) or stops != sorted(set(stops)):
+        mistakes.append("the thresholds of stops must be positive and increase, each once")
+    if any(not threshold for threshold in knees) or knees != sorted(set(knees)):
+        mistakes.append("the thresholds of knees must differ from 0 and increase, each once")
+    return mistakes
+
+
+def _find_slope_mistakes(elasticity: Elasticity) -> list[str]:
+    """Return the sides of the outer function on which it stops rising."""
+    mistakes = []
+    for side in (1.0, -1.0):
+        slope = 1.0
+        knees = [knee for knee in elasticity.knees if knee.threshold * side > 0]
+        for knee in sorted(knees, key=lambda knee: knee.threshold * side):
+            slope += knee.slope
+            if not slope > 0:
+                text = (
+                    f"beyond {knee.threshold:g} the outer function's slope is {slope:g}; it must be positive"
+                )
+                mistakes.append(text)
+    return mistakes

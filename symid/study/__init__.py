@@ -1,0 +1,1 @@
+"""Many identifications: Monte Carlo over noise, and what the papers' tables compare."""
