@@ -33,6 +33,7 @@ VERBS = (
     "simulate",
     "identify",
     "validate",
+    "export",
     "report",
     "doctor",
     "demo",

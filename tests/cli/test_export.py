@@ -1,0 +1,84 @@
+"""`symid export`: what was identified becomes a robot file whose base parameters are the identified ones."""
+
+import json
+
+import numpy as np
+import pytest
+
+from symid.cli.main import run
+from symid.formats.toml import read_robot
+from symid.parameters.base import find_base_parameters
+from symid.parameters.identified_robot import build_identified_robot
+from symid.parameters.values import find_parameter_values
+from symid.robot.elasticity import Elasticity, Stop
+
+
+def call(capsys, *arguments):
+    code = run([*map(str, arguments), "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+@pytest.fixture(scope="module")
+def identified(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("export")
+    run(["simulate", "two_link", "--duration", "8", "-o", str(folder / "log.npz"), "-q"])
+    run(["identify", "two_link", str(folder / "log.npz"), "-o", str(folder / "estimate.json"), "-q"])
+    return folder
+
+
+def test_the_file_has_the_identified_values(capsys, identified, tmp_path):
+    estimate = json.loads((identified / "estimate.json").read_text(encoding="utf-8"))
+    file = tmp_path / "found.toml"
+    code, answer = call(capsys, "export", "two_link", identified / "estimate.json", "-o", file)
+    assert code == 0, answer
+    assert answer["result"]["outcome"] == "consistent"
+    robot = read_robot(file)
+    values = find_parameter_values(robot, find_base_parameters(robot))
+    for entry in estimate["parameters"]:
+        assert values[entry["name"]] == pytest.approx(entry["value"], rel=1e-9, abs=1e-9)
+
+
+def test_what_is_no_robot_file_or_another_model_is_refused(capsys, identified, tmp_path):
+    code, answer = call(capsys, "export", "two_link", identified / "estimate.json", "-o", tmp_path / "x.json")
+    assert (code, answer["errors"][0]["code"]) == (2, "usage.suffix")
+    changed = json.loads((identified / "estimate.json").read_text(encoding="utf-8"))
+    other = tmp_path / "other.json"
+    other.write_text(json.dumps(changed | {"signature": "0" * 64}), encoding="utf-8")
+    code, answer = call(capsys, "export", "two_link", other, "-o", tmp_path / "x.toml")
+    assert (code, answer["errors"][0]["code"]) == (3, "estimate.signature")
+    assert not (tmp_path / "x.toml").exists()
+
+
+def test_values_of_no_bodies_are_said_and_the_nearest_are_written(capsys, identified, tmp_path):
+    changed = json.loads((identified / "estimate.json").read_text(encoding="utf-8"))
+    for entry in changed["parameters"]:
+        if entry["name"] == "ZZ2":
+            entry["value"] = -abs(entry["value"])
+    changed["parameters"] = [entry for entry in changed["parameters"] if entry["name"] != "MY2"]
+    changed["refused"] = [["MY2", "for the test"]]
+    changed["covariance"] = []
+    broken = tmp_path / "broken.json"
+    broken.write_text(json.dumps(changed), encoding="utf-8")
+    code, answer = call(capsys, "export", "two_link", broken, "-o", tmp_path / "x.toml")
+    codes = [warning["code"] for warning in answer["warnings"]]
+    assert code == 0, answer
+    assert "export.inconsistent" in codes
+    assert "export.not-identified" in codes
+    assert "ZZ2" in answer["result"]["blamed"]
+
+
+def test_an_elastic_robot_gets_its_rotors_and_springs(robots_folder):
+    robot = read_robot(robots_folder / "two_link_elastic.toml")
+    base = find_base_parameters(robot)
+    values = {name: 1.02 * value for name, value in find_parameter_values(robot, base).items()}
+    springs = (
+        Elasticity(stiffness=300.0, stops=(Stop(threshold=0.01, stiffness=50.0),)),
+        Elasticity(stiffness=80.0),
+    )
+    found = build_identified_robot(
+        robot, base, values, rotors={"IA1": 0.26, "IA2": 0.04}, elasticity=springs
+    ).robot
+    assert [joint.elasticity for joint in found.joints] == list(springs)
+    assert [joint.drive.rotor_inertia for joint in found.joints] == [0.26, 0.04]
+    again = find_parameter_values(found, base)
+    np.testing.assert_allclose([again[name] for name in values], list(values.values()), rtol=1e-9, atol=1e-12)
