@@ -5,6 +5,7 @@ from dataclasses import dataclass
 __all__ = [
     "CMakeContext",
     "ControlLoopContext",
+    "ElasticLoopContext",
     "FunctionContext",
     "HeaderContext",
     "HeaderFunction",
@@ -15,6 +16,9 @@ __all__ = [
     "SelfTest",
     "SelfTestArray",
     "SelfTestContext",
+    "StateContext",
+    "StateHeaderContext",
+    "StateTestContext",
 ]
 
 
@@ -48,7 +52,48 @@ class HeaderContext:
     joint_lines: tuple[str, ...]
     beta_lines: tuple[str, ...]
     friction_lines: tuple[str, ...]
+    elastic_lines: tuple[str, ...]
     functions: tuple[HeaderFunction, ...]
+    state_lines: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StateHeaderContext:
+    """hysteresis.h.jinja."""
+
+    prefix: str
+    macro: str
+    real: str
+    joint_count: int
+    stop_count: int
+    spring_count: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StateContext:
+    """hysteresis.c.jinja."""
+
+    banner: str
+    prefix: str
+    macro: str
+    real: str
+    zero: str
+    joint_count: int
+    spring_count: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StateTestContext:
+    """hysteresis_test.c.jinja."""
+
+    prefix: str
+    real: str
+    zero: str
+    joint_count: int
+    stop_count: int
+    spring_count: int
+    path_lines: tuple[str, ...]
+    spring_lines: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -115,6 +160,8 @@ class SelfTestContext:
     state_count: int
     test_count: int
     tests: tuple[SelfTest, ...]
+    state_lines: tuple[str, ...]
+    state_tests: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -141,6 +188,38 @@ class ControlLoopContext:
     control_declaration: str
     feed_forward: tuple[str, ...]
     plant_friction: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ElasticLoopContext:
+    """elastic_loop.c.jinja."""
+
+    banner: str
+    prefix: str
+    macro: str
+    real: str
+    scan: str
+    joint_count: int
+    parameter_count: int
+    known: int
+    parameter_lines: tuple[str, ...]
+    rotor_start: int
+    friction_pointer: tuple[str, ...]
+    spring_start: int
+    friction_argument: str
+    plant_friction: tuple[str, ...]
+    kp: str
+    kd: str
+    period: str
+    substep: str
+    amplitude: str
+    frequency: str
+    zero: str
+    one: str
+    two: str
+    four: str
+    sine: str
+    cosine: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,7 +12,7 @@ import re
 
 from symid import __version__
 from symid.codegen.build_digest import find_build_digest
-from symid.codegen.c_checks import build_control_loop, build_self_test
+from symid.codegen.c_checks import build_self_test
 from symid.codegen.c_contexts import (
     CMakeContext,
     FunctionContext,
@@ -23,6 +23,8 @@ from symid.codegen.c_contexts import (
     PackageContext,
     ReadmeContext,
 )
+from symid.codegen.c_loops import write_control_loop
+from symid.codegen.c_state import write_state_header, write_state_source
 from symid.codegen.casadi_functions import Functions
 from symid.codegen.describe import BANNER, Material, prepare_material, write_manifest, write_operations
 from symid.codegen.functions import FunctionSpec, Port
@@ -46,6 +48,10 @@ _HELPERS = {
     "{{\n    return a <= b ? {one} : (a > b ? {zero} : a + b);\n}}",
     "is_zero": "static {real} is_zero({real} x)\n"
     "{{\n    return x > {zero} || x < {zero} ? {zero} : (x == {zero} ? {one} : x);\n}}",
+    "maximum": "static {real} maximum({real} a, {real} b)\n"
+    "{{\n    return a > b ? a : (a <= b ? b : a + b);\n}}",
+    "minimum": "static {real} minimum({real} a, {real} b)\n"
+    "{{\n    return a < b ? a : (a >= b ? b : a + b);\n}}",
     "select": "static {real} select({real} condition, {real} x)\n"
     "{{\n    return condition > {zero} || condition < {zero} ? x : condition;\n}}",
 }
@@ -110,7 +116,9 @@ def _write_header(material: Material) -> str:
         joint_lines=material.joint_lines,
         beta_lines=material.beta_lines,
         friction_lines=material.friction_lines,
+        elastic_lines=tuple(f" {line}".rstrip() for line in material.elastic_lines),
         functions=tuple(_describe_function(program, count, real) for program, count in described),
+        state_lines=write_state_header(material),
     )
     return write_template("c/header.h.jinja", context)
 
@@ -146,6 +154,7 @@ def _write_sources(material: Material) -> list[tuple[str, str]]:
     prefix = material.prefix
     written = ((program.spec.name, _write_function(material, program)) for program in material.programs)
     functions = [(f"{prefix}_{name}.c", text) for name, text in written]
+    functions += write_state_source(material)
     header = (f"{prefix}.h", _write_header(material))
     info = InfoContext(
         banner=BANNER,
@@ -213,9 +222,9 @@ def generate_c_library(functions: Functions, options: GenerateOptions | None = N
     tolerance = TOLERANCES[material.options.precision]
     sources = _write_sources(material)
     programs = [("selftest", write_template("c/selftest.c.jinja", build_self_test(material, tolerance)))]
-    example = build_control_loop(material)
+    example = write_control_loop(material)
     if example is not None:
-        programs.append(("control_loop", write_template("c/control_loop.c.jinja", example)))
+        programs.append(("control_loop", example))
     names = tuple(path for path, _ in sources if path.endswith(".c"))
     files = [
         *sources,

@@ -2,13 +2,15 @@
 
 Input: a robot and its base parameters, or sizes alone. Output: `FunctionSpec` records, in the table's order.
 
-Supported: rigid robots with friction. Units are written for revolute joints; of a prismatic one read m for
+Supported: rigid robots with friction; robots all of whose joints are elastic.
+Units are written for revolute joints; of a prismatic one read m for
 rad and N for N m.
 """
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from symid.codegen.functions import FunctionSpec, Port
+from symid.codegen.springs import ElasticSizes, find_elastic_sizes
 from symid.robot.description import Robot
 
 if TYPE_CHECKING:  # this loads SymPy, and users of a library do without
@@ -16,7 +18,8 @@ if TYPE_CHECKING:  # this loads SymPy, and users of a library do without
 
 __all__ = ["find_robot_specs", "find_specs"]
 
-# Name: shape in letters (n coordinates, l links, b inertial and p friction parameters), unit, meaning.
+# Name: shape in letters (n coordinates, l links, b inertial and p friction parameters,
+# s stops, h parameters of springs), unit, meaning.
 _INPUTS = {
     "q": ("n", "rad", "joint coordinates"),
     "dq": ("n", "rad/s", "joint velocities"),
@@ -27,8 +30,16 @@ _INPUTS = {
     "beta": ("b", "mixed", "base inertial parameters"),
     "pi": ("b", "mixed", "standard parameters of links, drives and springs"),
     "f": ("p", "mixed", "friction parameters"),
+    "dddq": ("n", "rad/s^3", "third derivatives of the joint coordinates"),
+    "ddddq": ("n", "rad/s^4", "fourth derivatives of the joint coordinates"),
+    "phi": ("n", "rad", "torsions theta - q"),
+    "P": ("s", "rad", "plays of the torsions before the step"),
+    "tau_J": ("n", "N m", "torques of the springs"),
+    "Q": ("s", "N m", "plays of the inverse before the step"),
+    "IA": ("n", "kg m^2", "rotor inertias on the joint side"),
+    "h": ("h", "mixed", "parameters of the springs"),
 }
-_SHARED = ("beta", "pi", "f")
+_SHARED = ("beta", "pi", "f", "IA", "h")
 
 # Name, inputs, outputs as for the inputs, meaning.
 _RIGID = (
@@ -139,10 +150,59 @@ _FRICTION = (
         "friction torque per friction parameter",
     ),
 )
+_STEP = (
+    (
+        "hysteresis_step",
+        "phi P h",
+        (
+            ("tau_J", "n", "N m", "torques of the springs without damping"),
+            ("P_next", "s", "rad", "plays of the torsions after the step"),
+        ),
+        "torque of the springs when the torsion has gone to phi, without turning back on the way",
+    ),
+)
+_INVERSE = (
+    (
+        "hysteresis_inverse_step",
+        "tau_J Q h",
+        (
+            ("phi", "n", "rad", "torsions theta - q"),
+            ("Q_next", "s", "N m", "plays of the inverse after the step"),
+        ),
+        "torsion of the springs when their torque has gone to tau_J, without turning back on the way",
+    ),
+)
+_FEED = (
+    (
+        "elastic_inverse_dynamics",
+        "q dq ddq dddq ddddq beta IA f h Q",
+        (
+            ("tau_m", "n", "N m", "torques of the motors, joint side"),
+            ("theta", "n", "rad", "motor coordinates on the joint side"),
+            ("dtheta", "n", "rad/s", "motor velocities on the joint side"),
+            ("Q_next", "s", "N m", "plays of the inverse after the step"),
+        ),
+        "torque of the motors under which the links move as wanted, friction included",
+    ),
+)
+
+
+def _find_entries(friction: int, elastic: ElasticSizes | None) -> tuple[tuple[Any, ...], ...]:
+    entries: tuple[tuple[Any, ...], ...] = (*_RIGID, *_FRICTION) if friction else _RIGID
+    if elastic is None:
+        return entries
+    inverse = _INVERSE if elastic.invertible else ()
+    return (*entries, *_STEP, *inverse, *(_FEED if elastic.feed else ()))
 
 
 def find_specs(
-    joints: int, parameters: int, friction: int, *, links: int | None = None, vector: str = "beta"
+    joints: int,
+    parameters: int,
+    friction: int,
+    *,
+    links: int | None = None,
+    vector: str = "beta",
+    elastic: ElasticSizes | None = None,
 ) -> tuple[FunctionSpec, ...]:
     """Return the catalogue for so many coordinates, inertial and friction parameters.
 
@@ -154,12 +214,18 @@ def find_specs(
         friction: friction parameters.
         links: moving links; as many as joints by default.
         vector: the name of the inertial parameters, beta or pi.
+        elastic: of a robot all of whose joints are elastic; None for others. Vectors that would be empty
+            (no stops, no friction) are left out of the functions of elastic joints.
     """
     sizes = {"n": joints, "l": joints if links is None else links, "b": parameters, "p": friction}
+    sizes |= {"s": elastic.stops if elastic else 0, "h": elastic.springs if elastic else 0}
 
     def find_port(name: str, letters: str, unit: str, meaning: str, *, shared: bool = False) -> Port:
         shape = tuple(sizes[letter] if letter in sizes else int(letter) for letter in letters)
         return Port(name=name, shape=shape, unit=unit, meaning=meaning, shared=shared)
+
+    def is_there(letters: str) -> bool:
+        return letters not in ("s", "p") or sizes[letters] > 0
 
     return tuple(
         FunctionSpec(
@@ -167,14 +233,22 @@ def find_specs(
             inputs=tuple(
                 find_port(key, *_INPUTS[key], shared=key in _SHARED)
                 for key in inputs.replace("beta", vector).split()
+                if is_there(_INPUTS[key][0])
             ),
-            outputs=tuple(find_port(*output) for output in outputs),
+            outputs=tuple(find_port(*output) for output in outputs if is_there(output[1])),
             meaning=meaning,
         )
-        for name, inputs, outputs, meaning in (_RIGID + _FRICTION if friction else _RIGID)
+        for name, inputs, outputs, meaning in _find_entries(friction, elastic)
     )
 
 
 def find_robot_specs(robot: Robot, base: "BaseParameters") -> tuple[FunctionSpec, ...]:
     """Return the catalogue for a robot and the parameters that its functions take."""
-    return find_specs(robot.freedom, base.count, len(base.friction), links=robot.size, vector=base.vector)
+    return find_specs(
+        robot.freedom,
+        base.count,
+        len(base.friction),
+        links=robot.size,
+        vector=base.vector,
+        elastic=find_elastic_sizes(robot),
+    )

@@ -40,11 +40,14 @@ class Material:
     beta_title: str
     beta_lines: tuple[str, ...]
     friction_lines: tuple[str, ...]
+    elastic_lines: tuple[str, ...]
 
 
 def _describe_joint(joint: JointCard, label: str) -> str:
-    units = f"position in {joint.position_unit}, torque in {joint.torque_unit}"
-    return clean_text(f"{label} {joint.name}: {joint.kind}, {units}")
+    words = f"position in {joint.position_unit}, torque in {joint.torque_unit}"
+    if joint.smoothing:
+        words += f"; dry friction with tanh(v / {joint.smoothing:g}) in place of sign(v)"
+    return clean_text(f"{label} {joint.name}: {joint.kind}, {words}")
 
 
 def _describe_follower(joint: FollowerCard) -> str:
@@ -75,6 +78,21 @@ def _describe_parameters(vector: str, parameters: Sequence[ParameterCard]) -> tu
     return tuple(lines) or ("none",)
 
 
+def _describe_elasticity(card: ModelCard) -> tuple[str, ...]:
+    """Return what a user must know of the springs of a robot whose joints are all elastic."""
+    if not card.springs:
+        return ()
+    return (
+        "",
+        "Elastic joints: the motor's angle theta is q + phi. The functions of q are those of the links, the",
+        "friction is that of the motors, at their velocity dtheta, and the rotors turn with the motors.",
+        "Spring: tau_J = v + sum of s_j max(v - R_j, 0) where R_j > 0, s_j min(v - R_j, 0) where R_j < 0,",
+        "v = k0 phi + kc phi^3 + sum of k_i (phi - P_i), plays P_i = max(phi - r_i, min(phi + r_i, P_i)).",
+        *(f"  {line}" for line in _describe_parameters("IA", card.rotors)),
+        *(f"  {line}" for line in _describe_parameters("h", card.springs)),
+    )
+
+
 def prepare_material(functions: Functions, options: GenerateOptions) -> Material:
     """Return programs, reference values and descriptions of `functions`.
 
@@ -95,6 +113,7 @@ def prepare_material(functions: Functions, options: GenerateOptions) -> Material
         beta_title=_TITLES[card.vector],
         beta_lines=_describe_parameters(card.vector, card.beta),
         friction_lines=_describe_parameters("f", card.friction),
+        elastic_lines=_describe_elasticity(card),
     )
 
 

@@ -75,13 +75,15 @@ class JointCard:
     """What a user of the functions must know of a joint with a coordinate of its own.
 
     `number` is its place among all joints, from one: it is in the names of its parameters, and its link
-    is the one of that number.
+    is the one of that number. `smoothing` is the speed (rad/s or m/s) over which dry friction changes its
+    sign, 0 where it jumps.
     """
 
     number: int
     name: str
     kind: str
     friction: str
+    smoothing: float = 0.0
 
     @property
     def torque_unit(self) -> str:
@@ -115,7 +117,7 @@ class ModelCard:
     robot file, where it states all of them. `vector` is "beta", or "pi" where functions take all
     standard parameters, which `beta` then lists. `elasticity` holds what the robot file says of every
     coordinate's spring, empty where no joint is elastic; `rotors` are the rotor inertias of elastic joints,
-    which move with their motors and so take no part in `beta`.
+    which move with their motors and so take no part in `beta`; `springs` describes the vector h.
     """
 
     robot: str
@@ -128,6 +130,7 @@ class ModelCard:
     followers: tuple[FollowerCard, ...] = ()
     rotors: tuple[ParameterCard, ...] = ()
     elasticity: tuple[Elasticity | None, ...] = ()
+    springs: tuple[ParameterCard, ...] = ()
 
     @property
     def elastic(self) -> bool:
@@ -181,6 +184,7 @@ def read_model_card(text: str) -> ModelCard:
         followers=tuple(FollowerCard(**entry) for entry in data["followers"]),
         rotors=tuple(ParameterCard(**entry) for entry in data["rotors"]),
         elasticity=tuple(map(_read_elasticity, data["elasticity"])),
+        springs=tuple(ParameterCard(**entry) for entry in data["springs"]),
     )
 
 

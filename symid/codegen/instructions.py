@@ -5,7 +5,7 @@ Output: `Program`, from which C and Python are printed, and its operation counts
 A reference is the one-based number of an instruction; a minus sign in front of it means the
 value with the other sign, so that negation costs no instruction.
 
-Supported: sums, products, quotients, elementary functions, sign and selection.
+Supported: sums, products, quotients, elementary functions, sign, selection, greater and smaller of two.
 Not supported: loops, branches, calls.
 """
 
@@ -27,7 +27,7 @@ __all__ = [
 
 
 class Op(Enum):
-    """What an instruction does; comparisons give one or zero, and NaN where an operand is NaN."""
+    """What an instruction does; comparisons give one or zero; where an operand is NaN, the result is NaN."""
 
     INPUT = "input"
     CONSTANT = "constant"
@@ -47,6 +47,8 @@ class Op(Enum):
     LESS_EQUAL = "less_equal"
     IS_ZERO = "is_zero"
     SELECT = "select"
+    MAXIMUM = "maximum"
+    MINIMUM = "minimum"
 
 
 PRODUCTS = frozenset({Op.MUL, Op.DIV})

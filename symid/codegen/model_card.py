@@ -16,6 +16,7 @@ from symid.codegen.functions import (
     ParameterCard,
     find_model_signature,
 )
+from symid.codegen.springs import list_spring_parameters
 from symid.dynamics.labels import find_label_unit, find_owner
 from symid.parameters.base import BaseParameter, BaseParameters
 from symid.parameters.values import find_parameter_values
@@ -44,8 +45,13 @@ def _write_fraction(value: Fraction) -> str:
 def _write_joints(robot: Robot) -> Iterator[JointCard]:
     for number, joint in enumerate(robot.joints, start=1):
         if joint.mimic is None:
-            friction = joint.friction.kind.value
-            yield JointCard(number=number, name=joint.name, kind=joint.kind.value, friction=friction)
+            yield JointCard(
+                number=number,
+                name=joint.name,
+                kind=joint.kind.value,
+                friction=joint.friction.kind.value,
+                smoothing=joint.friction.smoothing,
+            )
 
 
 def _write_rotors(robot: Robot) -> Iterator[ParameterCard]:
@@ -94,4 +100,5 @@ def build_model_card(robot: Robot, base: BaseParameters, specs: tuple[FunctionSp
         followers=tuple(_write_followers(robot)),
         rotors=tuple(_write_rotors(robot)),
         elasticity=tuple(joint.elasticity for joint in robot.axes) if any(robot.elastic) else (),
+        springs=tuple(list_spring_parameters(robot)) if all(robot.elastic) else (),
     )

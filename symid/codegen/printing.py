@@ -18,7 +18,9 @@ from symid.codegen.instructions import Instruction, Op, Program
 __all__ = ["Body", "find_literal", "print_c", "print_python"]
 
 _INFIX = {Op.ADD: "+", Op.SUB: "-", Op.MUL: "*", Op.DIV: "/"}
-_HELPERS = (Op.SIGN, Op.LESS, Op.LESS_EQUAL, Op.IS_ZERO, Op.SELECT)
+_HELPERS = (Op.SIGN, Op.LESS, Op.LESS_EQUAL, Op.IS_ZERO, Op.SELECT, Op.MAXIMUM, Op.MINIMUM)
+# NumPy's own let a NaN through.
+_IN_NUMPY = (Op.MAXIMUM, Op.MINIMUM)
 _C_FUNCTIONS = {
     Op.SIN: "sin",
     Op.COS: "cos",
@@ -118,7 +120,7 @@ def print_python(program: Program) -> Body:
         return names[ref] if ref > 0 else f"-{names[-ref]}"
 
     def call(op: Op) -> str:
-        return f"_{op.value}" if op in _HELPERS else f"np.{op.value}"
+        return f"_{op.value}" if op in _HELPERS and op not in _IN_NUMPY else f"np.{op.value}"
 
     for number, instruction in enumerate(program.instructions, start=1):
         if instruction.op is Op.CONSTANT:

@@ -34,6 +34,8 @@ _FUNCTIONS: dict[int, Op] = {
     ca.OP_LE: Op.LESS_EQUAL,
     ca.OP_NOT: Op.IS_ZERO,
     ca.OP_IF_ELSE_ZERO: Op.SELECT,
+    ca.OP_FMAX: Op.MAXIMUM,
+    ca.OP_FMIN: Op.MINIMUM,
 }
 
 Rule = Callable[[ValueTable, list[int]], int]

@@ -64,6 +64,7 @@ class ModuleContext:
     beta_title: str
     beta_lines: tuple[str, ...]
     friction_lines: tuple[str, ...]
+    elastic_lines: tuple[str, ...]
     functions: tuple[ModuleFunction, ...]
     tests: tuple[ModuleTest, ...]
 
@@ -143,6 +144,7 @@ def _write_module(material: Material) -> str:
         beta_title=material.beta_title,
         beta_lines=material.beta_lines,
         friction_lines=material.friction_lines,
+        elastic_lines=tuple(line.replace("  ", "    ", 1) for line in material.elastic_lines),
         functions=tuple(_write_function(program, count) for program, count in counted),
         tests=tuple(_write_test(p, r) for p, r in zip(programs, material.references, strict=True)),
     )

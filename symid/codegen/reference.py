@@ -35,6 +35,9 @@ _DRAWS = 40
 _ATTEMPTS = 4
 _CONDITION = 1e6
 _RANGES = {"q": 3.0, "dq": 2.0, "ddq": 5.0, "tau": 20.0}
+_RANGES |= {"dddq": 20.0, "ddddq": 100.0, "phi": 0.02, "P": 0.02, "tau_J": 20.0, "Q": 5.0}
+# In place of stiffnesses that the robot file does not know: k0, and those of stops.
+_STIFFNESSES = {True: 100.0, False: 20.0}
 
 _RULES: dict[Op, Callable[..., Any]] = {
     Op.ADD: operator.add,
@@ -53,6 +56,8 @@ _RULES: dict[Op, Callable[..., Any]] = {
     Op.LESS_EQUAL: lambda a, b: mpmath.mpf(int(a <= b)),
     Op.IS_ZERO: lambda a: mpmath.mpf(int(a == 0)),
     Op.SELECT: lambda a, b: b if a else mpmath.mpf(0),
+    Op.MAXIMUM: max,
+    Op.MINIMUM: min,
 }
 
 
@@ -141,6 +146,17 @@ def _find_candidates(
     return [*kept, *sorted(draws, key=find_condition)][:_ATTEMPTS]
 
 
+def _find_springs(card: ModelCard) -> dict[str, tuple[float, ...]]:
+    """Return h: random numbers would be no springs, and have no inverse."""
+    if not card.springs:
+        return {}
+    values = (
+        _STIFFNESSES[parameter.name.startswith("k0")] if parameter.value is None else parameter.value
+        for parameter in card.springs
+    )
+    return {"h": tuple(values)}
+
+
 def _check(
     function: ca.Function,
     program: Program,
@@ -200,7 +216,8 @@ def build_references(
     failures = []
     for beta in _find_candidates(card, functions, programs, rng):
         try:
-            return _build(functions, programs, {card.vector: beta}, options)
+            shared = {card.vector: beta, **_find_springs(card)}
+            return _build(functions, programs, shared, options)
         except GenerationError as error:
             failures.append(error)
     raise failures[-1]

@@ -10,6 +10,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from symid.codegen.catalogue import find_robot_specs
+from symid.codegen.elastic_routes import (
+    build_feed_forward,
+    build_hysteresis_inverse_step,
+    build_hysteresis_step,
+)
 from symid.codegen.energy_routes import (
     build_energy,
     build_energy_of_bodies,
@@ -154,6 +159,9 @@ ROUTES: Mapping[str, Routes] = {
     "slotine_li_regressor": _meet(build_slotine_li_columns),
     "friction": {"regressor times parameters": build_friction},
     "friction_regressor": {"columns of the joint models": build_friction_matrix},
+    "hysteresis_step": {"plays": build_hysteresis_step},
+    "hysteresis_inverse_step": {"plays of the inverse": build_hysteresis_inverse_step},
+    "elastic_inverse_dynamics": {name: build_feed_forward(build) for name, build in _RECURSIONS.items()},
 }
 """Per function of the catalogue its routes by name; of routes that cost the same the first is taken."""
 

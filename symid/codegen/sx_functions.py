@@ -34,6 +34,8 @@ _RULES: Mapping[Op, Callable[..., ca.SX]] = {
     Op.LESS_EQUAL: lambda a, b: a <= b,
     Op.IS_ZERO: ca.logic_not,
     Op.SELECT: lambda a, b: ca.if_else(a, b, ca.SX(0)),
+    Op.MAXIMUM: ca.fmax,
+    Op.MINIMUM: ca.fmin,
 }
 
 

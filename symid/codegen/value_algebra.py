@@ -53,6 +53,18 @@ class ValueAlgebra:
         """Return left * right."""
         return self.table.mul(left, right)
 
+    def div(self, left: int, right: int) -> int:
+        """Return left / right."""
+        return self.table.div(left, right)
+
+    def maximum(self, left: int, right: int) -> int:
+        """Return the greater of two."""
+        return self.table.apply(Op.MAXIMUM, left, right)
+
+    def minimum(self, left: int, right: int) -> int:
+        """Return the smaller of two."""
+        return self.table.apply(Op.MINIMUM, left, right)
+
     def neg(self, value: int) -> int:
         """Return -value; there is one zero."""
         return value if value == self.zero else -value

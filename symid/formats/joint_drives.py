@@ -1,9 +1,9 @@
-"""What drives a joint: gear and rotor, springs, elasticity, and drives coupled to several joints.
+"""What drives a joint: gear and rotor, springs, and drives coupled to several joints.
 
-Input: the tables of a robot file. Output: `Drive`, `Spring`, `Elasticity`, `Coupling`.
+Input: the tables of a robot file. Output: `Drive`, `Spring`, `Coupling`.
 
 Supported: rotor inertias on either side of the gear; values that are "unknown", to be identified.
-Not supported: springs that are not linear, elasticity with hysteresis.
+Not supported: springs that are not linear; `joint_elasticity` reads what gives between motor and link.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,6 @@ from symid.formats.joint_friction import read_friction
 from symid.formats.section import (
     ANY,
     NOT_NEGATIVE,
-    POSITIVE,
     Range,
     Section,
     find_nearest,
@@ -26,11 +25,19 @@ from symid.formats.section import (
     refuse_unknown_keys,
 )
 from symid.robot.description import Coupling, Drive, JointKind, Spring
-from symid.robot.elasticity import Elasticity
 
-__all__ = ["list_tables", "read_couplings", "read_drive", "read_elasticity", "read_spring"]
+__all__ = [
+    "UNKNOWN",
+    "find_spring_unit",
+    "list_tables",
+    "read_couplings",
+    "read_drive",
+    "read_known",
+    "read_spring",
+]
 
-_UNKNOWN = "unknown"
+UNKNOWN = "unknown"
+"""What stands in place of a number that is to be identified."""
 
 
 def read_drive(section: Section) -> Drive:
@@ -59,10 +66,10 @@ def _read_rotor_inertia(drive: Section, gear: float) -> float | None:
     side = read_choice(drive, "rotor_inertia_side", ("motor", "joint"))
     if "rotor_inertia" not in drive.values:
         if side:
-            text = f'stands alone; write rotor_inertia = 1e-5 (kg*m^2) or "{_UNKNOWN}", or leave it out'
+            text = f'stands alone; write rotor_inertia = 1e-5 (kg*m^2) or "{UNKNOWN}", or leave it out'
             drive.refuse_key("robot.rotor-side", "rotor_inertia_side", text)
         return None
-    if drive.values["rotor_inertia"] == _UNKNOWN:
+    if drive.values["rotor_inertia"] == UNKNOWN:
         return None
     value = read_number(drive, "rotor_inertia", "kg*m^2", NOT_NEGATIVE)
     if "rotor_inertia_side" not in drive.values:
@@ -80,43 +87,30 @@ def read_spring(section: Section, *, prismatic: bool) -> Spring | None:
         return None
     for key, example in (("stiffness", "120"), ("rest", "0")):
         if key not in table.values:
-            unit = _find_spring_unit(key, prismatic=prismatic)
-            text = f'missing; write {key} = {example} ({unit}) or {key} = "{_UNKNOWN}"'
+            unit = find_spring_unit(key, prismatic=prismatic)
+            text = f'missing; write {key} = {example} ({unit}) or {key} = "{UNKNOWN}"'
             table.refuse_key("robot.missing-key", key, text)
-    stiffness = _read_known(table, "stiffness", _find_spring_unit("stiffness", prismatic=prismatic), ANY)
-    rest = _read_known(table, "rest", _find_spring_unit("rest", prismatic=prismatic), ANY)
+    stiffness = read_known(table, "stiffness", find_spring_unit("stiffness", prismatic=prismatic), ANY)
+    rest = read_known(table, "rest", find_spring_unit("rest", prismatic=prismatic), ANY)
     if stiffness is not None and stiffness < 0:
         text = f"{stiffness:g} pushes the joint away from rest; a spring's stiffness is positive"
         table.warn("robot.negative-stiffness", "stiffness", text)
     return Spring(stiffness=stiffness, rest=rest)
 
 
-def _find_spring_unit(key: str, *, prismatic: bool) -> str:
+def find_spring_unit(key: str, *, prismatic: bool) -> str:
+    """Return the unit of a spring's stiffness or rest position as robot files write it."""
     if key == "rest":
         return "m" if prismatic else "rad"
     return "N/m" if prismatic else "N*m/rad"
 
 
-def _read_known(table: Section, key: str, unit: str, allowed: Range) -> float | None:
+def read_known(table: Section, key: str, unit: str, allowed: Range) -> float | None:
     """Return the number at `key`; None where it is unknown or wrong."""
-    if table.values.get(key) == _UNKNOWN:
+    if table.values.get(key) == UNKNOWN:
         return None
     value = read_number(table, key, unit, allowed)
     return None if value is None else float(value)
-
-
-def read_elasticity(section: Section, *, prismatic: bool) -> Elasticity | None:
-    """Return the `elasticity` table of a joint; a notice says what does not know of it."""
-    table = read_table(section, "elasticity", ("stiffness",))
-    if table is None:
-        return None
-    unit = _find_spring_unit("stiffness", prismatic=prismatic)
-    if "stiffness" not in table.values:
-        text = f'missing; write stiffness = 1e4 ({unit}) or stiffness = "{_UNKNOWN}"'
-        table.refuse_key("robot.missing-key", "stiffness", text)
-    text = "the functions of the rigid robot take this joint as rigid"
-    section.warn("robot.elastic-joint", "elasticity", text)
-    return Elasticity(stiffness=_read_known(table, "stiffness", unit, POSITIVE))
 
 
 def list_tables(root: Section, key: str, noun: str) -> list[Section]:
@@ -162,7 +156,7 @@ def read_couplings(
                 name=name,
                 terms=terms,
                 has_rotor="rotor_inertia" in section.values,
-                rotor_inertia=_read_known(section, "rotor_inertia", unit, NOT_NEGATIVE),
+                rotor_inertia=read_known(section, "rotor_inertia", unit, NOT_NEGATIVE),
                 friction=read_friction(section, prismatic=prismatic),
             )
         )

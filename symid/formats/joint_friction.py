@@ -2,10 +2,11 @@
 
 Input: the table around it. Output: `FrictionValues`.
 
-Supported: the models of `FrictionKind`; all values of a model, or none where they are unknown.
+Supported: the models of `FrictionKind`; all values of a model, or none where they are unknown; a speed over
+which dry friction changes its sign.
 """
 
-from symid.formats.section import Section, read_choice, read_number, read_table
+from symid.formats.section import POSITIVE, Section, read_choice, read_number, read_table
 from symid.robot.description import FrictionKind, FrictionValues
 
 __all__ = ["FRICTION_PARAMETERS", "find_friction_unit", "read_friction"]
@@ -22,17 +23,21 @@ FRICTION_PARAMETERS: dict[FrictionKind, tuple[str, ...]] = {
 def read_friction(section: Section, *, prismatic: bool) -> FrictionValues:
     """Return the friction of a joint's or coupling's table; none where it states none."""
     names = sorted({name for group in FRICTION_PARAMETERS.values() for name in group})
-    table = read_table(section, "friction", ("model", *names))
+    table = read_table(section, "friction", ("model", *names, "smoothing"))
     if table is None:
         return FrictionValues()
     if "model" not in table.values:
         table.refuse_key("robot.missing-key", "model", 'missing; write model = "viscous_coulomb"')
     model = read_choice(table, "model", [kind.value for kind in FrictionKind])
+    smoothing = read_number(table, "smoothing", "m/s" if prismatic else "rad/s", POSITIVE)
     if model is None:
         for name in names:
             read_number(table, name, find_friction_unit(name, prismatic=prismatic))
         return FrictionValues()
     kind = FrictionKind(model)
+    if kind is FrictionKind.NONE and "smoothing" in table.values:
+        text = 'has nothing to smooth: the model "none" has no dry friction; leave it out'
+        table.refuse_key("robot.friction-values", "smoothing", text)
     _check_names(table, kind, names)
     wanted = FRICTION_PARAMETERS[kind]
     given = [read_number(table, name, find_friction_unit(name, prismatic=prismatic)) for name in wanted]
@@ -41,7 +46,11 @@ def read_friction(section: Section, *, prismatic: bool) -> FrictionValues:
             text = f"{value} drives the joint instead of braking it; friction coefficients are positive"
             table.warn("robot.negative-friction", name, text)
     values = tuple(float(value) for value in given if value is not None)
-    return FrictionValues(kind=kind, values=values if values and len(values) == len(wanted) else None)
+    return FrictionValues(
+        kind=kind,
+        values=values if values and len(values) == len(wanted) else None,
+        smoothing=float(smoothing or 0),
+    )
 
 
 def _check_names(table: Section, kind: FrictionKind, names: list[str]) -> None:

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 
 from symid.formats.dh import ROW_KEYS, find_row_frames, read_row
 from symid.formats.forms import Symbols
-from symid.formats.joint_drives import list_tables, read_couplings, read_drive, read_elasticity, read_spring
+from symid.formats.joint_drives import list_tables, read_couplings, read_drive, read_spring
+from symid.formats.joint_elasticity import read_elasticity
 from symid.formats.joint_friction import read_friction
 from symid.formats.joint_mimic import read_followers
 from symid.formats.link import read_inertial

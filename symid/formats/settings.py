@@ -42,18 +42,20 @@ _PROCESSING = (
     "decimation",
 )
 _FREEDOMS = ("band", "parameters", "one")
-_QUANTITIES = ("time", "position", "velocity", "torque")
+_QUANTITIES = ("time", "position", "velocity", "torque", "motor_position", "link_position")
 _NATURAL = {
     "position": {JointKind.REVOLUTE: "angle", JointKind.PRISMATIC: "length"},
     "velocity": {JointKind.REVOLUTE: "angular velocity", JointKind.PRISMATIC: "velocity"},
     "torque": {JointKind.REVOLUTE: "torque", JointKind.PRISMATIC: "force"},
 }
+_NATURAL["motor_position"] = _NATURAL["link_position"] = _NATURAL["position"]
 # What a factor may turn into the quantity: encoder counts, sensor voltages, motor angles of a spindle.
 _CONVERTIBLE = {
     "position": ("angle", "length", "voltage", "number"),
     "velocity": ("angular velocity", "velocity", "voltage", "number"),
     "torque": ("torque", "force", "voltage", "current", "number"),
 }
+_CONVERTIBLE["motor_position"] = _CONVERTIBLE["link_position"] = _CONVERTIBLE["position"]
 _NONE = "none"
 _HIGHEST_ORDER = Range(low=1, high=16)
 _LARGEST_RIPPLE = 3.0
@@ -103,12 +105,25 @@ def read_log(root: Section, joints: Sequence[Joint]) -> LogMap:
     table = read_table(root, "log", _QUANTITIES)
     if table is None:
         return LogMap()
+    _refuse_both(table)
     return LogMap(
         time=_read_time(table),
         position=_read_quantity(table, "position", joints),
         velocity=_read_quantity(table, "velocity", joints),
         torque=_read_quantity(table, "torque", joints),
+        motor_position=_read_quantity(table, "motor_position", joints),
+        link_position=_read_quantity(table, "link_position", joints),
     )
+
+
+def _refuse_both(table: Section) -> None:
+    if "motor_position" in table.values and "link_position" in table.values:
+        text = (
+            "both motor_position and link_position: position is one of the two already; give the columns of "
+            "the links as position and those of the motors as motor_position, or those of the motors as "
+            "position and those of the links as link_position"
+        )
+        table.refuse_key("robot.two-encoders", "link_position", text)
 
 
 def _read_time(table: Section) -> LogQuantity | None:

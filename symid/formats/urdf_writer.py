@@ -21,6 +21,7 @@ import numpy as np
 
 from symid.robot.axis_frames import to_floats
 from symid.robot.description import FrictionKind, Joint, JointKind, Robot
+from symid.robot.elasticity import Elasticity
 from symid.robot.geometry import Placement
 from symid.robot.inertia import move_parameters
 
@@ -82,13 +83,24 @@ def _list_omissions(robot: Robot) -> Iterator[str]:
         if joint.friction.kind not in {FrictionKind.NONE, FrictionKind.VISCOUS_COULOMB}:
             values = f", values {_numbers(joint.friction.values)}" if joint.friction.values else ""
             yield f"joint {joint.name}: friction model {joint.friction.kind.value}{values}"
+        if joint.friction.smoothing:
+            yield f"joint {joint.name}: dry friction changes its sign over {joint.friction.smoothing}"
         if joint.spring is not None:
             yield f"joint {joint.name}: a spring, {joint.spring.stiffness} at rest at {joint.spring.rest}"
         if joint.elasticity is not None:
-            yield f"joint {joint.name}: elastic, {joint.elasticity.stiffness}"
+            yield f"joint {joint.name}: elastic, {_describe(joint.elasticity)}"
     for coupling in robot.couplings:
         names = ", ".join(f"{float(factor):g} {robot.joints[index].name}" for index, factor in coupling.terms)
         yield f"a drive coupled to several joints, {coupling.name}: {names}"
+
+
+def _describe(elasticity: Elasticity) -> str:
+    parts = [str(elasticity.stiffness)]
+    parts += [f"damping {elasticity.damping}"] if elasticity.damping else []
+    parts += [f"cubic {elasticity.cubic}"] if elasticity.cubic else []
+    parts += [f"stop of {stop.stiffness} to {stop.threshold}" for stop in elasticity.stops]
+    parts += [f"knee of {knee.slope} at {knee.threshold}" for knee in elasticity.knees]
+    return ", ".join(parts)
 
 
 def _find_rpy(placement: Placement) -> tuple[float, float, float]:

@@ -17,11 +17,14 @@ import numpy as np
 
 from symid.formats.joint_friction import FRICTION_PARAMETERS
 from symid.formats.settings import list_log, list_processing
+from symid.formats.written_elasticity import write_elasticity
 from symid.formats.written_hints import list_hints
 from symid.formats.written_values import (
+    add_comment,
     write_exact,
     write_fraction,
     write_key,
+    write_known,
     write_modified_row,
     write_number,
     write_origin,
@@ -38,8 +41,6 @@ from symid.robot.log_map import LogMap, Processing
 __all__ = ["write_robot"]
 
 _TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")
-_COMMENT_COLUMN = 35
-_UNKNOWN = '"unknown"'
 _DIGITS = 14
 _DUST = 1e-30
 
@@ -59,7 +60,9 @@ def write_robot(robot: Robot, *, comment: str = "", hints: bool = False) -> str:
         f"name = {write_value(_find_name(robot.name))}",
         *(f"{key} = {write_value(text)}" for key, text in _list_texts(robot)),
         f'convention = "{convention}"',
-        _add(f"gravity = [{', '.join(write_exact(entry) for entry in robot.gravity)}]", "m/s^2, base frame"),
+        add_comment(
+            f"gravity = [{', '.join(write_exact(entry) for entry in robot.gravity)}]", "m/s^2, base frame"
+        ),
     ]
     if robot.symbols:
         lines += ["", "[symbols]", *(f"{name} = {write_number(value)}" for name, value in robot.symbols)]
@@ -71,10 +74,6 @@ def write_robot(robot: Robot, *, comment: str = "", hints: bool = False) -> str:
         lines += ["", *_write_coupling(robot, coupling)]
     lines += _write_settings(robot)
     return "\n".join(lines) + "\n"
-
-
-def _add(line: str, comment: str) -> str:
-    return f"{line:<{_COMMENT_COLUMN}}# {comment}" if len(line) < _COMMENT_COLUMN else f"{line}  # {comment}"
 
 
 def _find_name(name: str) -> str:
@@ -138,7 +137,7 @@ def _write_joint(robot: Robot, index: int, placed: dict[str, str], *, first: boo
         parent = robot.joints[joint.parent].name if joint.parent >= 0 else "base"
         yield f"parent = {write_value(parent)}"
     for key, text in placed.items():
-        yield _add(f"{key} = {text}", _PLACING[key]) if first else f"{key} = {text}"
+        yield add_comment(f"{key} = {text}", _PLACING[key]) if first else f"{key} = {text}"
     if joint.mimic:
         yield from ("", "[joint.mimic]", f"joint = {write_value(robot.joints[joint.mimic.master].name)}")
         yield f"multiplier = {write_fraction(joint.mimic.multiplier)}"
@@ -197,8 +196,10 @@ def _write_body(parameters: Sequence[float], frame: Placement, symbols: Mapping[
     turned = move_parameters((*central, 0.0, 0.0, 0.0, 0.0), rotation.T, np.zeros(3))[:6]
     inertia = _round(turned, max(abs(entry) for entry in parameters[:6]))
     place = _round(rotation.T @ (com - origin), float(np.abs(com).max()))
-    yield from ("", "[joint.link]", _add(f"mass = {write_number(mass)}", "kg"))
-    yield _add(f"com = [{', '.join(write_number(entry) for entry in place)}]", "m, in the link's frame")
+    yield from ("", "[joint.link]", add_comment(f"mass = {write_number(mass)}", "kg"))
+    yield add_comment(
+        f"com = [{', '.join(write_number(entry) for entry in place)}]", "m, in the link's frame"
+    )
     pairs = [(key, entry) for key, entry in zip(_TENSOR, inertia, strict=True) if entry]
     if pairs:
         listed = ", ".join(f"{key} = {write_number(entry)}" for key, entry in pairs)
@@ -219,11 +220,11 @@ def _write_drive(drive: Drive) -> Iterator[str]:
     if drive.gear != 1:
         yield f"gear = {write_number(drive.gear)}"
     if drive.has_rotor and drive.rotor_inertia is None:
-        yield f"rotor_inertia = {_UNKNOWN}"
+        yield f"rotor_inertia = {write_known(None)}"
     elif drive.rotor_inertia is not None:
         yield from (f"rotor_inertia = {write_number(drive.rotor_inertia)}", 'rotor_inertia_side = "joint"')
     if drive.torque_constant is not None:
-        yield _add(f"torque_constant = {write_number(drive.torque_constant)}", "N m/A")
+        yield add_comment(f"torque_constant = {write_number(drive.torque_constant)}", "N m/A")
 
 
 def _write_friction(owner: str, friction: FrictionValues) -> Iterator[str]:
@@ -233,20 +234,21 @@ def _write_friction(owner: str, friction: FrictionValues) -> Iterator[str]:
     if friction.values is not None:
         for name, value in zip(FRICTION_PARAMETERS[friction.kind], friction.values, strict=True):
             yield f"{name} = {write_number(value)}"
-
-
-def _write_known(value: float | None) -> str:
-    return _UNKNOWN if value is None else write_number(value)
+    if friction.smoothing:
+        yield f"smoothing = {write_number(friction.smoothing)}"
 
 
 def _write_springs(joint: Joint, *, prismatic: bool) -> Iterator[str]:
     unit = "N/m" if prismatic else "N m/rad"
     if joint.spring is not None:
-        yield from ("", "[joint.spring]", _add(f"stiffness = {_write_known(joint.spring.stiffness)}", unit))
-        yield _add(f"rest = {_write_known(joint.spring.rest)}", "m" if prismatic else "rad")
+        yield from (
+            "",
+            "[joint.spring]",
+            add_comment(f"stiffness = {write_known(joint.spring.stiffness)}", unit),
+        )
+        yield add_comment(f"rest = {write_known(joint.spring.rest)}", "m" if prismatic else "rad")
     if joint.elasticity is not None:
-        yield from ("", "[joint.elasticity]")
-        yield _add(f"stiffness = {_write_known(joint.elasticity.stiffness)}", unit)
+        yield from write_elasticity(joint.elasticity, prismatic=prismatic)
 
 
 def _write_limits(joint: Joint, *, prismatic: bool) -> Iterator[str]:
@@ -255,11 +257,11 @@ def _write_limits(joint: Joint, *, prismatic: bool) -> Iterator[str]:
     lines = []
     if limits.position is not None:
         low, high = (write_number(value) for value in limits.position)
-        lines.append(_add(f"position = [{low}, {high}]", unit))
+        lines.append(add_comment(f"position = [{low}, {high}]", unit))
     if limits.velocity is not None:
-        lines.append(_add(f"velocity = {write_number(limits.velocity)}", f"{unit}/s"))
+        lines.append(add_comment(f"velocity = {write_number(limits.velocity)}", f"{unit}/s"))
     if limits.torque is not None:
-        lines.append(_add(f"torque = {write_number(limits.torque)}", "N" if prismatic else "N m"))
+        lines.append(add_comment(f"torque = {write_number(limits.torque)}", "N" if prismatic else "N m"))
     if lines:
         yield from ("", "[joint.limits]", *lines)
 
@@ -271,7 +273,7 @@ def _write_coupling(robot: Robot, coupling: Coupling) -> Iterator[str]:
     )
     yield from ("[[coupling]]", f"name = {write_value(coupling.name)}", f"terms = {{ {', '.join(terms)} }}")
     if coupling.has_rotor:
-        yield f"rotor_inertia = {_write_known(coupling.rotor_inertia)}"
+        yield f"rotor_inertia = {write_known(coupling.rotor_inertia)}"
     yield from _write_friction("coupling", coupling.friction)
 
 

@@ -52,6 +52,11 @@ def list_hints(joint: Joint) -> list[str]:
             "",
             _comment("[joint.elasticity]"),
             _comment('stiffness = "unknown"', f"{torque}/{unit}, of the gear between motor and link"),
+            _comment("damping = 0.0", f"{torque} s/{unit}"),
+            _comment(
+                "stops = []", f"{{ threshold = {unit}, stiffness = {torque}/{unit} }}: springs that slip"
+            ),
+            _comment("knees = []", f"{{ threshold = {torque}, slope = 0.5 }}: where the joint gets harder"),
         ]
     if joint.limits == Limits():
         lines += [

@@ -28,10 +28,12 @@ from symid.robot.geometry import (
 from symid.robot.rotations import find_half_tangent, find_quaternion, find_rpy
 
 __all__ = [
+    "add_comment",
     "write_angle",
     "write_exact",
     "write_fraction",
     "write_key",
+    "write_known",
     "write_modified_row",
     "write_number",
     "write_origin",
@@ -41,6 +43,7 @@ __all__ = [
 
 _TWELFTHS = tuple((k, find_angle(k * math.pi / 12)) for k in range(-11, 13))
 _MOST_PLACES = 40
+_COMMENT_COLUMN = 35
 # Outside of this a number is a slip for the reader; a fraction in quotes is not.
 _SMALLEST = Fraction(1, 10**30)
 _LARGEST_WHOLE = 1e15
@@ -49,6 +52,16 @@ _LARGEST_WHOLE = 1e15
 def write_number(value: float) -> str:
     """Return a number that is read back as the same float."""
     return str(int(value)) if value == int(value) and abs(value) < _LARGEST_WHOLE else repr(float(value))
+
+
+def write_known(value: float | None) -> str:
+    """Return a number, or the text that stands for one to be identified."""
+    return '"unknown"' if value is None else write_number(value)
+
+
+def add_comment(line: str, comment: str) -> str:
+    """Return a line with a comment behind it, comments under each other where they can be."""
+    return f"{line:<{_COMMENT_COLUMN}}# {comment}" if len(line) < _COMMENT_COLUMN else f"{line}  # {comment}"
 
 
 def write_fraction(value: Fraction) -> str:

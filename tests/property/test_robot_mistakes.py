@@ -26,15 +26,19 @@ d = 0.1
 theta = 0.3
 link = { mass = 1, com = [0, 0.1, 0], inertia = { xx = 1, yy = 1, zz = 1 } }
 drive = { gear = 50, rotor_inertia = 1e-5, rotor_inertia_side = "motor", torque_constant = 0.1 }
-friction = { model = "viscous_coulomb", Fv = 1, Fc = 2 }
+friction = { model = "viscous_coulomb", Fv = 1, Fc = 2, smoothing = 0.1 }
 limits = { position = [-1, 2], velocity = 3, torque = 4 }
+[joint.elasticity]
+catalogue = { K1 = 5, K2 = 6, K3 = 7, T1 = 1, T2 = 2 }
+damping = 1
+stops = [{ threshold = 0.5, stiffness = 2 }]
 [[joint]]
 name = "b"
 kind = "prismatic"
 link = { standard = { XX = 1, YY = 1, ZZ = 1, M = 2 } }
 mimic = { joint = "a", multiplier = "1/3", offset = 0.1 }
 spring = { stiffness = 3, rest = 0.1 }
-elasticity = { stiffness = "unknown" }
+elasticity = { stiffness = "unknown", cubic = 0, knees = [{ threshold = 4, slope = 0.5 }], symmetric = true }
 [[joint]]
 name = "c"
 kind = "fixed"

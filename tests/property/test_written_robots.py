@@ -13,7 +13,6 @@ from symid.formats.writer import write_robot
 from symid.robot.description import (
     Coupling,
     Drive,
-    Elasticity,
     FrictionKind,
     FrictionValues,
     Joint,
@@ -24,6 +23,7 @@ from symid.robot.description import (
     Robot,
     Spring,
 )
+from symid.robot.elasticity import Elasticity, Knee, Stop
 from symid.robot.geometry import (
     IDENTITY,
     ZERO,
@@ -98,7 +98,31 @@ def frictions(draw):
     kind = draw(st.sampled_from(list(FrictionKind)))
     count = len(FRICTION_PARAMETERS[kind])
     values = draw(st.one_of(st.none(), st.tuples(*[NUMBERS] * count))) if count else None
-    return FrictionValues(kind=kind, values=values)
+    smoothing = draw(st.one_of(st.just(0.0), POSITIVE)) if count else 0.0
+    return FrictionValues(kind=kind, values=values, smoothing=smoothing)
+
+
+SLOPES = st.floats(-0.3, 2.0).filter(lambda x: abs(x) > 1e-20)
+MANY = st.lists(POSITIVE, max_size=3, unique=True).map(sorted)
+
+
+@st.composite
+def elasticities(draw):
+    """Springs with stops, and knees on both sides or the same on both, or a cubic part."""
+    unknown = st.one_of(st.none(), POSITIVE)
+    above = [Knee(threshold=place, slope=draw(SLOPES)) for place in draw(MANY)]
+    mirrored = draw(st.booleans())
+    below = above if mirrored else [Knee(threshold=place, slope=draw(SLOPES)) for place in draw(MANY)]
+    below = [Knee(threshold=-knee.threshold, slope=knee.slope) for knee in reversed(below)]
+    return Elasticity(
+        stiffness=draw(unknown),
+        damping=draw(st.one_of(st.just(0.0), POSITIVE)),
+        cubic=0.0 if above or below else draw(st.one_of(st.just(0.0), POSITIVE)),
+        stops=tuple(
+            Stop(threshold=place, stiffness=draw(st.one_of(unknown, st.just(0.0)))) for place in draw(MANY)
+        ),
+        knees=(*below, *above),
+    )
 
 
 @st.composite
@@ -144,7 +168,7 @@ def joints(draw, index):
         limits=limits,
         mimic=Mimic(master=0, multiplier=draw(FRACTIONS.filter(bool))) if follows else None,
         spring=draw(st.one_of(st.none(), st.builds(Spring, stiffness=unknown, rest=unknown))),
-        elasticity=draw(st.one_of(st.none(), st.builds(Elasticity, stiffness=unknown))),
+        elasticity=draw(st.one_of(st.none(), elasticities())),
     )
 
 

@@ -13,5 +13,5 @@ const char *symid_emps_signature(void)
 
 const char *symid_emps_digest(void)
 {
-    return "7a19120836745f6c01615069ebc88044a1c453585104c541b08ecaa6f0af06d3";
+    return "363cc1013dbc1a37133593526adfdbc4faee548604b5093a0cdcbf54f53e4860";
 }

@@ -8,8 +8,8 @@ import pytest
 
 from symid.errors import RobotError
 from symid.formats.toml import parse_robot
-from symid.robot.description import Coupling, FrictionKind, JointKind, LinkForm, Mimic, Spring
-from symid.robot.elasticity import Elasticity
+from symid.robot.description import Coupling, FrictionKind, FrictionValues, JointKind, LinkForm, Mimic, Spring
+from symid.robot.elasticity import Elasticity, Knee, Stop
 from symid.robot.geometry import IDENTITY, Exact, Placement, compose_placements, find_angle, rotate_z
 from symid.robot.inertia import move_parameters
 from symid.robot.log_map import LogQuantity
@@ -111,6 +111,46 @@ def test_springs_and_elasticity_are_read():
     first, second = parse_robot(text).joints
     assert (first.spring, first.elasticity) == (Spring(stiffness=120.0, rest=None), None)
     assert (second.spring, second.elasticity) == (None, Elasticity(stiffness=None))
+
+
+def test_elasticity_with_hysteresis_is_read():
+    knees = "[{ threshold = 3.0, slope = 0.5 }, { threshold = 5, slope = -1.2 }]"
+    stops = '[{ threshold = 0.002, stiffness = 120 }, { threshold = 0.005, stiffness = "unknown" }]'
+    table = f"stiffness = 380, damping = 0.2, stops = {stops}, symmetric = true, knees = {knees}"
+    text = HEAD + write_joint("a", extra=f"elasticity = {{ {table} }}\n")
+    (joint,) = parse_robot(text).joints
+    above = (Knee(threshold=3.0, slope=0.5), Knee(threshold=5.0, slope=-1.2))
+    below = (Knee(threshold=-5.0, slope=-1.2), Knee(threshold=-3.0, slope=0.5))
+    assert joint.elasticity == Elasticity(
+        stiffness=380.0,
+        damping=0.2,
+        stops=(Stop(threshold=0.002, stiffness=120.0), Stop(threshold=0.005)),
+        knees=(*below, *above),
+    )
+    knees = "[{ threshold = -2, slope = 1 }, { threshold = 1, slope = 2 }]"
+    uneven = f"elasticity = {{ stiffness = 1, knees = {knees} }}\n"
+    (joint,) = parse_robot(HEAD + write_joint("a", extra=uneven)).joints
+    assert joint.elasticity.knees == (Knee(threshold=-2.0, slope=1.0), Knee(threshold=1.0, slope=2.0))
+    (joint,) = parse_robot(
+        HEAD + write_joint("a", extra="elasticity = { stiffness = 1, cubic = 5 }\n")
+    ).joints
+    assert joint.elasticity == Elasticity(stiffness=1.0, cubic=5.0)
+
+
+def test_a_catalogue_is_stiffness_and_knees():
+    table = "elasticity = { catalogue = { K1 = 100, K2 = 150, K3 = 300, T1 = 2, T2 = 5 }, damping = 1 }\n"
+    (joint,) = parse_robot(HEAD + write_joint("a", extra=table)).joints
+    above = (Knee(threshold=2.0, slope=0.5), Knee(threshold=4.0, slope=1.5))
+    assert (joint.elasticity.stiffness, joint.elasticity.damping) == (100.0, 1.0)
+    assert joint.elasticity.knees[2:] == above
+
+
+def test_dry_friction_is_smoothed_over_a_speed():
+    table = 'friction = { model = "viscous_coulomb", Fv = 1, Fc = 2, smoothing = 0.01 }\n'
+    (joint,) = parse_robot(HEAD + write_joint("a", extra=table)).joints
+    assert joint.friction == FrictionValues(
+        kind=FrictionKind.VISCOUS_COULOMB, values=(1.0, 2.0), smoothing=0.01
+    )
 
 
 def test_couplings_are_read():

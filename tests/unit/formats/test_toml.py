@@ -215,6 +215,16 @@ MISTAKES = [
         52,
         "2 factors for 1 joints",
     ),
+    (
+        "robot.two-encoders",
+        HEAD
+        + JOINT
+        + '[log]\nmotor_position = { columns = ["a"], unit = "rad" }\n'
+        + 'link_position = { columns = ["b"], unit = "rad" }\n',
+        8,
+        1,
+        "link_position",
+    ),
     ("robot.missing-key", HEAD + JOINT + "spring = { rest = 0 }\n", 6, 10, "stiffness = 120 (N*m/rad)"),
     ("robot.missing-key", HEAD + JOINT + "spring = { stiffness = 3 }\n", 6, 10, 'rest = "unknown"'),
     ("robot.missing-key", HEAD + JOINT + "elasticity = {}\n", 6, 14, 'stiffness = "unknown"'),
@@ -224,6 +234,13 @@ MISTAKES = [
         6,
         28,
         "greater than 0 N*m/rad",
+    ),
+    (
+        "robot.elasticity-mixed",
+        HEAD + JOINT + "elasticity = { stiffness = 1, symmetric = true }\n",
+        6,
+        31,
+        "there are none",
     ),
     ("robot.wrong-type", HEAD + JOINT + 'spring = { stiffness = "unkown", rest = 0 }\n', 6, 24, "N*m/rad"),
     ("robot.missing-key", HEAD + JOINT + "mimic = { multiplier = 2 }\n", 6, 9, 'joint = "joint1"'),
@@ -452,7 +469,7 @@ REMARKS = [
         "elasticity = { stiffness = 1e4 }\n",
         6,
         14,
-        "the functions of the rigid robot take this joint as rigid",
+        "functions of q speak of the link",
     ),
     (
         "robot.lumped",

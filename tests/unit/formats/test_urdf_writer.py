@@ -18,7 +18,6 @@ from symid.notation import INERTIAL
 from symid.robot.description import (
     Coupling,
     Drive,
-    Elasticity,
     FrictionKind,
     FrictionValues,
     Limits,
@@ -26,6 +25,7 @@ from symid.robot.description import (
     Robot,
     Spring,
 )
+from symid.robot.elasticity import Elasticity, Knee, Stop
 from symid.robot.geometry import Exact
 from symid.robot.reframing import reframe_joints
 from tests.chains import PANDA, PUMA560, STANFORD, build_joint, build_pinocchio, draw_parameters
@@ -116,9 +116,14 @@ def full():
     )
     joints[1] = dataclasses.replace(
         joints[1],
-        friction=FrictionValues(kind=FrictionKind.ASYMMETRIC, values=(1.0, 2.0, 3.0, 4.0)),
+        friction=FrictionValues(kind=FrictionKind.ASYMMETRIC, values=(1.0, 2.0, 3.0, 4.0), smoothing=0.01),
         spring=Spring(stiffness=5.0, rest=0.5),
-        elasticity=Elasticity(stiffness=900.0),
+        elasticity=Elasticity(
+            stiffness=900.0,
+            damping=1.5,
+            stops=(Stop(threshold=0.25, stiffness=30.0),),
+            knees=(Knee(threshold=3.0, slope=0.5),),
+        ),
     )
     joints[2] = dataclasses.replace(joints[2], mimic=Mimic(master=0, multiplier=Fraction(-3, 2)))
     coupling = Coupling(name="wrist--drive", terms=((0, Fraction(1)), (1, Fraction(2))))
@@ -149,7 +154,8 @@ def test_what_a_urdf_has_no_words_for_stands_in_comments(full):
         "gravity of the model: 9.81 0.0 0.0 m/s^2",
         "friction model asymmetric, values 1.0 2.0 3.0 4.0",
         "a spring, 5.0 at rest at 0.5",
-        "elastic, 900.0",
+        "elastic, 900.0, damping 1.5, stop of 30.0 to 0.25, knee of 0.5 at 3.0",
+        "dry friction changes its sign over 0.01",
         'wrist- -drive: 1 a "b" &lt;c&gt;, 2 joint2',
     ):
         assert words in text

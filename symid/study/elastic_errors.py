@@ -1,0 +1,55 @@
+"""How far an identification of elastic joints is from the truth.
+
+Input: what a method found, the truth. Output: errors in percent.
+
+    parameters   largest |estimate - truth| / |truth| over the dynamic parameters whose truth is not zero
+    hysteresis   joint by joint RMS(tau_J estimate - tau_J) / RMS(tau_J), on the true torsion of a held-out
+                 run
+
+Supported: methods that give no hysteresis: there is no error then.
+Not supported: truths that the robot file does not state.
+"""
+
+import numpy as np
+
+from symid.arrays import FloatArray
+from symid.codegen.functions import ModelCard
+from symid.elastic.fit import ElasticFit
+from symid.errors import Notice, UsageError
+from symid.joint.plays import find_hysteresis_torque
+from symid.simulation.elastic_run import ElasticRun
+
+__all__ = ["find_hysteresis_errors", "find_parameter_error", "find_truth"]
+
+
+def find_truth(card: ModelCard) -> FloatArray:
+    """Return the true dynamic parameters [beta; rotors; friction] (p + n + pf,).
+
+    Raises:
+        UsageError: the robot file does not state all of them.
+    """
+    entries = (*card.beta, *card.rotors, *card.friction)
+    unknown = [entry.name for entry in entries if entry.value is None]
+    if unknown:
+        text = f"robot {card.robot!r} states no value for {', '.join(unknown)}; a study needs the truth"
+        raise UsageError(Notice(code="usage.study-robot", text=text))
+    return np.array([entry.value for entry in entries], dtype=np.float64)
+
+
+def find_parameter_error(fit: ElasticFit, truth: FloatArray) -> float:
+    """Return the parameter error of a fit in percent; `truth` (p + n + pf,)."""
+    known = truth != 0.0
+    return float(100.0 * np.max(np.abs(fit.chi[known] / truth[known] - 1.0)))
+
+
+def find_hysteresis_errors(fit: ElasticFit, held_out: ElasticRun) -> FloatArray:
+    """Return the hysteresis error of each joint in percent (n,), nan where the method gives no spring."""
+    joints = held_out.q.shape[1]
+    if not fit.elasticity:
+        return np.full(joints, np.nan)
+    errors = np.empty(joints)
+    for joint, spring in enumerate(fit.elasticity):
+        true = held_out.joint_torque[:, joint]
+        found = find_hysteresis_torque(spring, held_out.phi[:, joint])
+        errors[joint] = 100.0 * np.linalg.norm(found - true) / np.linalg.norm(true)
+    return errors

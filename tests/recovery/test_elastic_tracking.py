@@ -1,0 +1,100 @@
+"""A controller that knows the springs makes the links follow; one that takes the joints as rigid does not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symid.codegen.cache import prepare_library
+from symid.elastic.feed_forward import find_elastic_reference
+from symid.elastic.fit import ElasticFit
+from symid.elastic.tracking import RIGID, simulate_tracking, widen_springs
+from symid.errors import UsageError
+from symid.excitation.trajectories import build_tc
+from symid.formats.toml import read_robot
+from symid.joint.plays import find_hysteresis_torque
+from symid.robot.elasticity import Elasticity
+from symid.simulation.elastic_options import build_clean_options, build_noisy_options
+
+_DURATION = 4.0
+
+
+@pytest.fixture(scope="module")
+def arm(robots_folder):
+    robot = read_robot(robots_folder / "two_link_elastic.toml")
+    return robot, prepare_library(robot)
+
+
+def believe(library):
+    """Return a model that is the truth."""
+    card = library.card
+    return ElasticFit(
+        method="truth",
+        beta=np.array([entry.value for entry in card.beta]),
+        rotor=np.array([entry.value for entry in card.rotors]),
+        friction=np.array([entry.value for entry in card.friction]),
+        elasticity=card.elasticity,
+    )
+
+
+def test_with_the_true_springs_the_links_follow_a_thousand_times_better(arm):
+    robot, library = arm
+    truth = believe(library)
+    linear = replace(truth, elasticity=tuple(Elasticity(stiffness=k) for k in (500.0, 130.0)))
+    options = replace(build_clean_options(), duration=_DURATION)
+    runs = simulate_tracking(robot, library, {"true": truth, "linear": linear}, build_tc(), options)
+    assert [run.name for run in runs] == [RIGID, "true", "linear"]
+    rigid, true, straight = (run.rms for run in runs)
+    assert np.all(true < 1e-3 * rigid)
+    assert np.all(true < straight)
+    assert np.all(straight < 0.5 * rigid)
+
+
+def test_the_reference_is_the_motion_of_the_motors_in_a_run_that_follows(arm):
+    """The torsion of the reference gives, through the spring, the torque that the links need."""
+    _, library = arm
+    truth = believe(library)
+    time = np.arange(0.0, _DURATION, 1e-3)
+    trajectory = build_tc()
+    q, dq, ddq = trajectory.evaluate(time)
+    (torque,) = library.evaluate("inverse_dynamics", q, dq, ddq, truth.beta)
+    reference = find_elastic_reference(library, truth, trajectory, time)
+    for joint, spring in enumerate(truth.elasticity):
+        found = find_hysteresis_torque(spring, reference.angle[:, joint] - q[:, joint])
+        np.testing.assert_allclose(found, torque[:, joint], rtol=0, atol=1e-10)
+
+
+def test_more_stops_and_knees_without_effect_change_nothing(arm):
+    _, library = arm
+    springs = library.card.elasticity
+    wide = widen_springs((Elasticity(stiffness=5.0), *springs[1:]))
+    assert wide == (Elasticity(stiffness=5.0), *springs[1:])
+    phi = 0.03 * np.sin(np.linspace(0.0, 9.0, 500)) * np.linspace(0.0, 1.0, 500)
+    plain = Elasticity(stiffness=100.0)
+    runs = simulate_tracking(
+        *arm,
+        {"few": replace(believe(library), elasticity=(plain, plain)), "many": believe(library)},
+        build_tc(),
+        replace(build_noisy_options(), duration=0.5),
+    )
+    alone = simulate_tracking(
+        *arm,
+        {"few": replace(believe(library), elasticity=(plain, plain))},
+        build_tc(),
+        replace(build_noisy_options(), duration=0.5),
+    )
+    np.testing.assert_allclose(runs[1].error, alone[1].error, rtol=0, atol=1e-12)
+    assert find_hysteresis_torque(plain, phi)[-1] == pytest.approx(100.0 * phi[-1])
+
+
+def test_springs_of_another_size_or_rigid_robots_are_refused(arm, robots_folder):
+    _, library = arm
+    time = np.arange(0.0, 0.1, 1e-3)
+    plain = tuple(Elasticity(stiffness=100.0) for _ in range(2))
+    fit = replace(believe(library), elasticity=plain)
+    with pytest.raises(UsageError, match="generate it for the identified springs") as caught:
+        find_elastic_reference(library, fit, build_tc(), time)
+    assert caught.value.notices[0].code == "usage.no-feed-forward"
+    rigid = prepare_library(read_robot(robots_folder / "two_link.toml"))
+    with pytest.raises(UsageError, match="all its joints must be elastic"):
+        find_elastic_reference(rigid, fit, build_tc(), time)

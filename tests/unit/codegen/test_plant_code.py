@@ -1,0 +1,125 @@
+"""The compiled plant: kept under its key, made again when damaged, told where it stands."""
+
+import subprocess
+
+import numpy as np
+import pytest
+
+from symid.codegen import plant_code
+from symid.codegen.plant_code import load_plant_code
+from symid.codegen.plant_orders import PlantLog, PlantOrder, PlantRobot
+from symid.errors import GenerationError, OutputError
+
+FIELDS = ("q", "dq", "theta", "dtheta", "spring", "torque", "work", "friction", "elastic", "damped")
+
+
+def test_the_plant_is_made_once(tmp_path, c_compiler, monkeypatch):
+    assert load_plant_code(cache=tmp_path).notices == ()
+    (made,) = tmp_path.glob("plant-*.so")
+    before = made.stat().st_mtime_ns
+    monkeypatch.setattr(plant_code, "compile_sources", None)
+    load_plant_code(cache=tmp_path)
+    assert made.stat().st_mtime_ns == before
+    assert [path.name for path in tmp_path.iterdir()] == [made.name]
+
+
+def test_a_damaged_file_is_made_again(tmp_path, c_compiler):
+    load_plant_code(cache=tmp_path / "first")
+    (made,) = (tmp_path / "first").glob("plant-*.so")
+    damaged = tmp_path / "second" / made.name
+    damaged.parent.mkdir()
+    damaged.write_bytes(b"no library")
+    load_plant_code(cache=damaged.parent)
+    assert damaged.read_bytes()[:4] == b"\x7fELF"
+
+
+def test_a_library_of_another_key_is_made_again(tmp_path, c_compiler):
+    load_plant_code(cache=tmp_path / "first")
+    (made,) = (tmp_path / "first").glob("plant-*.so")
+    other = tmp_path / "second" / made.name
+    other.parent.mkdir()
+    source = tmp_path / "other.c"
+    source.write_text('const char *symid_plant_key(void) { return "another"; }\n')
+    subprocess.run([c_compiler, "-shared", "-fPIC", str(source), "-o", str(other)], check=True)
+    assert load_plant_code(cache=other.parent).shared.symid_plant_key() == (
+        load_plant_code(cache=made.parent).shared.symid_plant_key()
+    )
+
+
+def test_a_plant_that_does_not_load_is_an_error(tmp_path, c_compiler, monkeypatch):
+    monkeypatch.setattr(plant_code, "_build", lambda _compiler, _source, path, _key: path.write_bytes(b"no"))
+    with pytest.raises(GenerationError, match="cannot be loaded; remove it") as caught:
+        load_plant_code(cache=tmp_path)
+    assert caught.value.notices[0].code == "codegen.cannot-load"
+
+
+def test_without_a_compiler_there_is_none(tmp_path):
+    assert load_plant_code(compiler="no-such-compiler", cache=tmp_path) is None
+
+
+def test_a_cache_that_cannot_be_written(tmp_path, c_compiler, monkeypatch):
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    with pytest.raises(OutputError) as caught:
+        load_plant_code(cache=blocked / "cache")
+    assert caught.value.notices[0].code == "output.cache"
+    monkeypatch.setattr(plant_code, "find_user_folder", lambda: blocked / "cache")
+    monkeypatch.setattr(plant_code, "make_temporary_folder", lambda: tmp_path)
+    (notice,) = load_plant_code().notices
+    assert notice.code == "codegen.cache-temporary"
+
+
+def test_the_source_compiles_without_a_warning(project, tmp_path, c_compiler):
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror", "-O2", "-c"]
+    source = project / "templates" / "c" / "plant.c"
+    subprocess.run([c_compiler, *flags, str(source), "-o", str(tmp_path / "plant.o")], check=True)
+
+
+class Rigid:
+    """A library without compiled functions."""
+
+    class card:  # noqa: N801
+        robot = "paper"
+
+
+def test_functions_without_addresses_are_refused(tmp_path, c_compiler):
+    one, none = np.ones(1), np.zeros((1, 0))
+    robot = PlantRobot(
+        beta=one,
+        friction=np.zeros(0),
+        rotor=one,
+        stiffness=one,
+        cubic=one,
+        damping=one,
+        radius=none,
+        weight=none,
+        knee=none,
+        slope=none,
+    )
+    track = np.zeros((3, 1))
+    order = PlantOrder(
+        angle=track,
+        speed=track,
+        torque=track,
+        stiffness=one,
+        damping=one,
+        limit=one,
+        step=one,
+        period=1e-3,
+        substeps=1,
+        parts=1,
+        q=one,
+        theta=one,
+        play=none,
+    )
+    assert (robot.size, order.ticks) == (1, 3)
+    with pytest.raises(GenerationError, match="no compiled functions") as caught:
+        load_plant_code(cache=tmp_path).run(Rigid(), robot, order)
+    assert caught.value.notices[0].code == "codegen.no-address"
+
+
+def test_records_keep_their_arrays_from_being_written():
+    values = np.ones((4, 2))
+    log = PlantLog(**{name: values.copy() for name in FIELDS}, ticks=4)
+    with pytest.raises(ValueError, match="read-only"):
+        log.q[0, 0] = 2.0

@@ -1,0 +1,43 @@
+"""Six elastic joints: the torque of a held-out motion, without any spring."""
+
+import numpy as np
+import pytest
+
+from symid.codegen.cache import prepare_library
+from symid.errors import UsageError
+from symid.formats.toml import read_robot
+from symid.study.elastic_errors import find_truth
+from symid.study.elastic_runs import Condition, simulate_runs
+from symid.study.many_joints import study_many_joints
+
+
+@pytest.fixture(scope="module")
+def puma(robots_folder):
+    robot = read_robot(robots_folder / "puma560_elastic.toml")
+    return robot, prepare_library(robot)
+
+
+def test_clean_logs_give_the_torque_of_another_motion(puma):
+    found = study_many_joints(*puma, Condition.CLEAN, 3, duration=8.0)
+    assert found.parameters == 36 + 6 + 12
+    for entry in found.methods:
+        assert max(entry.residual) < 0.5
+        assert max(entry.floor) < 1e-3
+    assert [notice.code for notice in found.notices] == ["identify.energy-rank"]
+
+
+def test_noisy_logs_leave_little_more_than_the_noise(puma):
+    found = study_many_joints(*puma, Condition.NOISY, 3, duration=8.0)
+    elimination, momentum = (np.array(entry.residual) / np.array(entry.floor) for entry in found.methods)
+    # Elimination weighs all joints alike, so that noise of the strong ones reaches the wrist.
+    assert np.all(elimination < 2.5)
+    assert np.all(momentum < 1.3)
+
+
+def test_the_truth_must_be_stated_and_the_plane_arm_have_two_joints(robots_folder, puma):
+    unknown = prepare_library(read_robot(robots_folder / "emps.toml"))
+    with pytest.raises(UsageError, match="a study needs the truth") as caught:
+        find_truth(unknown.card)
+    assert caught.value.notices[0].code == "usage.study-robot"
+    with pytest.raises(UsageError, match="robots with 2 joints"):
+        simulate_runs(*puma, Condition.CLEAN)
