@@ -35,6 +35,7 @@ VERBS = (
     "validate",
     "export",
     "report",
+    "study",
     "doctor",
     "demo",
 )

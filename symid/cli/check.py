@@ -53,7 +53,7 @@ def command(
     }
     if logs:
         console.progress(f"reading {len(logs)} log{'s'[: len(logs) > 1]}")
-        from symid.data.checks import check_recording
+        from symid.data.checks import check_recording, find_second_encoder
 
         recordings = read_logs(logs, described)
         for recording in recordings:
@@ -65,10 +65,12 @@ def command(
                 "duration": float(recording.time[-1] - recording.time[0]),
                 "period": recording.period,
                 "has_velocity": recording.velocity is not None,
+                "second_encoder": find_second_encoder(recording),
             }
             for recording in recordings
         ]
         result["logs"] = entries
         rows = [tuple(entry.values()) for entry in entries]
-        lines.append(format_table(("log", "samples", "duration/s", "period/s", "velocity"), rows))
+        header = ("log", "samples", "duration/s", "period/s", "velocity", "second encoder")
+        lines.append(format_table(header, rows, left=(0, 5)))
     return Answer(text="\n".join(lines), result=result, warnings=warnings)

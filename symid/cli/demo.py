@@ -1,46 +1,61 @@
-"""`symid demo`: the whole path on a two-link arm, from the robot file to the report."""
+"""`symid demo`: the main job on a two-link arm with elastic joints, from the robot file to the report."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from symid.cli.elastic_tables import describe_elastic, show_elastic_parameters, show_springs
 from symid.cli.inputs import describe_origin, load_robot, load_robot_library, show_path
 from symid.cli.options import force_folder_option, output_option, verb
-from symid.cli.output import Answer, Console
-from symid.cli.simulate import build_trajectory
-from symid.cli.tables import describe_estimate, describe_validation, show_parameters, show_residual
+from symid.cli.output import Answer, Console, format_table
 from symid.errors import Notice, OutputError
 
 if TYPE_CHECKING:  # these load numpy
-    import numpy as np
-
     from symid.codegen.library import Library
     from symid.data.recording import Recording
-    from symid.identification.estimate import Estimate, Validation
+    from symid.elastic.estimate import ElasticEstimate
+    from symid.elastic.tracking import TrackingRun
     from symid.robot.description import Robot
+    from symid.simulation.elastic_run import ElasticRun
 
 __all__ = ["command"]
 
-_ROBOT = "two_link"
-_DURATION = 20.0
-_NOISE = 0.2
-"""Of the torque sensors, N m: about one percent of what the shoulder needs."""
-_FACTOR = 1.15
-"""How far the held-out residual may lie above the noise: what the filters blur at reversals adds to it."""
+_ROBOT = "two_link_elastic"
 _SEED = 0
-_OURS = frozenset({"code", "training.npz", "validation.npz", "estimate.json", "report.html"})
+_TRAINING = ("TA10", "TB1", "TB2")
+_HELD_OUT = "TC"
+_MOST_PARAMETERS = 2.0
+_MOST_HYSTERESIS = 3.0
+"""Errors in percent that a demo must not end above."""
+_METHODS = ("linear-spring", "two-step", "independent")
+_LOGS = {"TA": "ta.npz", "TA10": "ta10.npz", "TB1": "tb1.npz", "TB2": "tb2.npz", "TC": "tc.npz"}
+_OURS = frozenset({"code", *_LOGS.values(), "estimate.json", "identified.toml", "report.html"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Experiment:
-    """Two runs of one robot along different trajectories."""
+    """Runs of the arm with their truth, and the logs of them, read like those of a real robot."""
 
     robot: "Robot"
     library: "Library"
-    training: "Recording"
-    validation: "Recording"
+    runs: Mapping[str, "ElasticRun"]
+    logs: Mapping[str, "Recording"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Findings:
+    """Estimates by method, the chosen one under "automatic", and their errors in percent."""
+
+    estimates: Mapping[str, "ElasticEstimate"]
+    errors: Mapping[str, tuple[float, float]]
+
+    @property
+    def best(self) -> "ElasticEstimate":
+        """Return the estimate of the automatic choice."""
+        return self.estimates["automatic"]
 
 
 @click.command("demo")
@@ -51,46 +66,49 @@ class _Experiment:
 @force_folder_option
 @verb
 def command(console: Console, *, seed: int, output: Path | None, force: bool) -> Answer:
-    """Simulate a two-link arm, generate its code, identify it, validate on another motion, report.
+    """Simulate an arm with elastic joints, identify dynamics and hysteresis, validate, report.
 
-    Exit code 1 when a true value lies beyond 3 standard deviations or the residual
-    more than 15 % above the noise, the allowance for what the filters blur.
+    Exit code 1 when a parameter is more than 2 % or the hysteresis more than 3 % off the truth, or
+    when the links follow no better with the identified model than with a rigid one.
     """
     folder = output or Path("demo")
     _prepare_folder(folder, force=force)
     robot = load_robot(_ROBOT)
-    from symid.report.identification import write_report
-
     files = _generate(robot, folder / "code", console)
     experiment = _simulate(robot, folder, seed, console)
-    estimate, validation = _identify(experiment, folder, console)
-    read = (*robot.notices, *experiment.library.notices)
-    read += (*experiment.training.notices, *experiment.validation.notices)
-    origin = describe_origin(robot, experiment.library, (experiment.training, experiment.validation))
-    console.progress("writing the report")
-    report = write_report(folder / "report.html", estimate, (validation,), read, origin)
-    noise = _find_noise(robot, seed)
-    errors = _judge(estimate, validation, noise)
+    findings = _identify(experiment, folder, console)
+    tracking = _track(experiment, findings, console)
+    report = _report(experiment, findings, tracking, folder, console)
+    errors = _judge(findings, tracking)
+    best = findings.best
+    built = "compiled, self-test passed"
+    if experiment.library.backend != "c":
+        built = "not compiled: no C compiler"
+    logs = ", ".join(_LOGS[name] for name in _TRAINING)
     text = [
-        f"{robot.name}: parameters identified from {show_path(folder / 'training.npz')}",
-        show_parameters(estimate),
-        f"residual on {show_path(folder / 'validation.npz')}, another trajectory; {_describe_limit(noise)}",
-        show_residual(validation.residual),
-        f"{len(files)} files of C in {show_path(folder / 'code')}, compiled, self-test passed"
-        if experiment.library.backend == "c"
-        else f"{len(files)} files of C in {show_path(folder / 'code')}, not compiled: no C compiler",
+        f"{robot.name}: dynamics, friction and hysteresis identified from {logs}\n{best.reason}",
+        show_elastic_parameters(best),
+        show_springs(best),
+        _show_errors(findings),
+        _show_tracking(tracking, robot),
+        f"{len(files)} files of C in {show_path(folder / 'code')}, {built}",
+        f"robot file with the identified values: {show_path(folder / 'identified.toml')}",
         f"report: {report.resolve()}",
     ]
     result = {
-        "estimate": describe_estimate(estimate),
-        "validation": describe_validation(validation),
-        "noise": noise,
+        "estimate": describe_elastic(best),
+        "errors": {
+            name: {"parameter_percent": pair[0], "hysteresis_percent": pair[1]}
+            for name, pair in findings.errors.items()
+        },
+        "tracking_rms": {run.name: run.rms.tolist() for run in tracking},
         "seed": seed,
         "backend": experiment.library.backend,
         "code": folder / "code",
+        "identified": folder / "identified.toml",
         "report": report,
     }
-    warnings = (*read, *estimate.notices, *validation.notices)
+    warnings = (*experiment.library.notices, *best.notices)
     return Answer(
         text="\n\n".join(text), result=result, warnings=warnings, errors=errors, exit_code=1 if errors else 0
     )
@@ -128,76 +146,140 @@ def _generate(robot: "Robot", folder: Path, console: Console) -> tuple[Path, ...
 
 
 def _simulate(robot: "Robot", folder: Path, seed: int, console: Console) -> _Experiment:
-    """Robot, Library -> two logs, written and read again like those of a real robot."""
-    import numpy as np
-
+    """Robot, Library -> runs, written as logs and read again like those of a real robot."""
     from symid.data.readers import read_recording
+    from symid.data.writers import write_recording
+    from symid.study.elastic_runs import Condition, observe_runs, simulate_runs
 
     library = load_robot_library(robot, console)
-    rng = np.random.default_rng(seed)
-    paths = [
-        _run_once(robot, library, folder / f"{name}.npz", rng, console) for name in ("training", "validation")
-    ]
-    training, validation = (read_recording(path, robot) for path in paths)
-    return _Experiment(robot=robot, library=library, training=training, validation=validation)
+    console.progress("simulating five experiments with noisy sensors")
+    runs = simulate_runs(robot, library, Condition.NOISY)
+    logs = {}
+    for name, file in _LOGS.items():
+        (recording,) = observe_runs(runs, (name,), Condition.NOISY, seed)
+        logs[name] = read_recording(write_recording(recording, folder / file, robot), robot)
+    return _Experiment(robot=robot, library=library, runs=runs, logs=logs)
 
 
-def _run_once(
-    robot: "Robot", library: "Library", path: Path, rng: "np.random.Generator", console: Console
+def _identify(experiment: _Experiment, folder: Path, console: Console) -> _Findings:
+    """Recordings -> estimates, the chosen one written to a file."""
+    from symid.elastic.identify import identify_elastic
+    from symid.elastic.options import ElasticOptions
+    from symid.elastic.storage import write_elastic_estimate
+    from symid.study.elastic_errors import find_hysteresis_errors, find_parameter_error, find_truth
+
+    recordings = [experiment.logs[name] for name in _TRAINING]
+    truth = find_truth(experiment.library.card)
+    estimates, errors = {}, {}
+    for method in (*_METHODS, "automatic"):
+        console.progress(f"identifying by the method {method!r}")
+        estimate = identify_elastic(experiment.library, recordings, ElasticOptions(method=method))
+        fit = estimate.build_fit(len(experiment.library.card.beta))
+        hysteresis = find_hysteresis_errors(fit, experiment.runs[_HELD_OUT])
+        estimates[method] = estimate
+        errors[method] = (find_parameter_error(fit, truth), float(hysteresis.max()))
+    write_elastic_estimate(estimates["automatic"], folder / "estimate.json")
+    _export(experiment.robot, estimates["automatic"], folder / "identified.toml")
+    return _Findings(estimates=estimates, errors=errors)
+
+
+def _export(robot: "Robot", estimate: "ElasticEstimate", path: Path) -> None:
+    from symid.formats.writer import write_robot
+    from symid.identification.storage import write_file
+    from symid.parameters.base import find_base_parameters
+    from symid.parameters.identified_robot import build_identified_robot
+
+    values = {entry.name: entry.value for entry in estimate.parameters}
+    base = find_base_parameters(robot)
+    names = {entry.name for entry in (*base.parameters, *base.friction)}
+    found = build_identified_robot(
+        robot,
+        base,
+        {name: value for name, value in values.items() if name in names},
+        rotors={name: value for name, value in values.items() if name not in names},
+        elasticity=[spring.elasticity for spring in estimate.springs],
+    )
+    write_file(path, write_robot(found.robot, comment=f"{robot.name} with identified values."))
+
+
+def _track(experiment: _Experiment, findings: _Findings, console: Console) -> tuple["TrackingRun", ...]:
+    """Estimates -> closed loops along the held-out motion with their feed-forward."""
+    from symid.elastic.tracking import simulate_tracking
+    from symid.excitation.trajectories import build_tc
+    from symid.simulation.elastic_options import build_noisy_options
+
+    console.progress("tracking the held-out motion with feed-forward of the identified models")
+    bases = len(experiment.library.card.beta)
+    models = {
+        "Case 1: identified together": findings.best.build_fit(bases),
+        "Case 2: identified apart": findings.estimates["independent"].build_fit(bases),
+    }
+    return simulate_tracking(
+        experiment.robot,
+        experiment.library,
+        models,
+        build_tc(),
+        build_noisy_options(),
+        progress=console.progress,
+    )
+
+
+def _report(
+    experiment: _Experiment,
+    findings: _Findings,
+    tracking: tuple["TrackingRun", ...],
+    folder: Path,
+    console: Console,
 ) -> Path:
-    from symid.data.writers import write_recording
-    from symid.simulation.experiment import ExperimentOptions, simulate_experiment
-    from symid.simulation.sensors import SensorOptions
+    from symid.report.elastic import ElasticExtras, write_elastic_report
+    from symid.report.elastic_trial import try_estimate
+    from symid.report.tracking import Tracking
 
-    console.progress(f"simulating {_DURATION:g} s for {path.name}")
-    trajectory = build_trajectory(robot, "fourier", rng, duration=_DURATION)
-    sensors = SensorOptions(torque_noise=(_NOISE,))
-    options = ExperimentOptions(sensors=sensors)
-    run = simulate_experiment(robot, library, trajectory, options, rng)
-    return write_recording(run.recording, path, robot)
-
-
-def _identify(experiment: _Experiment, folder: Path, console: Console) -> "tuple[Estimate, Validation]":
-    """Recordings -> Estimate on one of them, Validation on the other."""
-    from symid.identification.identify import identify_parameters
-    from symid.identification.storage import write_estimate
-    from symid.identification.validate import validate_estimate
-
-    console.progress("identifying, and validating on the other trajectory")
-    library, processing = experiment.library, experiment.robot.processing
-    estimate = identify_parameters(library, (experiment.training,), processing)
-    write_estimate(estimate, folder / "estimate.json")
-    return estimate, validate_estimate(estimate, library, experiment.validation, processing)
+    console.progress("writing the report")
+    library = experiment.library
+    initial = [spring.elasticity for spring in findings.estimates["linear-spring"].springs]
+    held_out = [experiment.logs[name] for name in (_HELD_OUT, "TA")]
+    extras = ElasticExtras(
+        trials=tuple(try_estimate(findings.best, library, log, initial=initial) for log in held_out),
+        iterated=findings.estimates["two-step"],
+        tracking=Tracking(runs=tracking),
+        notices=(*experiment.robot.notices, *library.notices),
+        origin=describe_origin(experiment.robot, library, tuple(experiment.logs.values())),
+    )
+    return write_elastic_report(folder / "report.html", findings.best, extras)
 
 
-def _find_noise(robot: "Robot", seed: int) -> float:
-    """Return the standard deviation in N m that white sensor noise has after decimation."""
-    import numpy as np
-
-    from symid.data.signals import decimate_columns
-
-    white = np.random.default_rng(seed).normal(scale=_NOISE, size=(20_000, 1))
-    return float(decimate_columns(white, robot.processing.decimation).std())
-
-
-def _describe_limit(noise: float) -> str:
-    margin = 100.0 * (_FACTOR - 1.0)
-    return f"noise {noise:.3g} N m, limit {_FACTOR * noise:.3g} N m ({margin:.0f} % above it)"
-
-
-def _judge(estimate: "Estimate", validation: "Validation", noise: float) -> tuple[Notice, ...]:
-    """Return what a demo must not end with."""
-    far = [
-        entry.name
-        for entry in estimate.parameters
-        if entry.truth is not None and abs(entry.value - entry.truth) > 3.0 * entry.std
+def _show_errors(findings: _Findings) -> str:
+    rows = [
+        [name if name != "automatic" else f"automatic: {findings.best.method}", *pair]
+        for name, pair in findings.errors.items()
     ]
-    loud = [entry.joint for entry in validation.residual if entry.std > _FACTOR * noise]
+    title = (
+        "errors against the truth in percent: the largest of all dynamic parameters; the hysteresis of the "
+        f"worse joint on {_LOGS[_HELD_OUT]}, a motion that was held out"
+    )
+    return f"{title}\n\n{format_table(['method', 'parameters', 'hysteresis'], rows)}"
+
+
+def _show_tracking(tracking: tuple["TrackingRun", ...], robot: "Robot") -> str:
+    header = ["feed-forward", *(f"{joint.name}/mrad" for joint in robot.axes)]
+    rows = [[run.name, *(1e3 * run.rms).tolist()] for run in tracking]
+    title = f"how links follow the motion of {_LOGS[_HELD_OUT]} in closed loop: root mean square errors"
+    return f"{title}\n\n{format_table(header, rows)}"
+
+
+def _judge(findings: _Findings, tracking: tuple["TrackingRun", ...]) -> tuple[Notice, ...]:
+    """Return what a demo must not end with."""
+    parameters, hysteresis = findings.errors["automatic"]
     notices = []
-    if far:
-        text = f"more than 3 standard deviations from the truth: {', '.join(far)}"
+    if not parameters <= _MOST_PARAMETERS:
+        text = f"a parameter is {parameters:.3g} % off the truth; the limit is {_MOST_PARAMETERS:g} %"
         notices.append(Notice(code="demo.off-truth", text=text))
-    if loud:
-        text = f"residual above the limit: joint {', '.join(loud)}; {_describe_limit(noise)}"
-        notices.append(Notice(code="demo.above-noise", text=text))
+    if not hysteresis <= _MOST_HYSTERESIS:
+        text = f"the hysteresis is {hysteresis:.3g} % off the truth; the limit is {_MOST_HYSTERESIS:g} %"
+        notices.append(Notice(code="demo.off-spring", text=text))
+    rigid, identified = tracking[0], tracking[1]
+    if not all(mine < theirs for mine, theirs in zip(identified.rms, rigid.rms, strict=True)):
+        text = "the links follow no better with the identified model than with a rigid one"
+        notices.append(Notice(code="demo.no-gain", text=text))
     return tuple(notices)

@@ -1,10 +1,13 @@
 """`symid identify ROBOT LOG...`: parameters with their uncertainty, from logs."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from symid.cli.identify_elastic import answer_elastic, answer_stiffness, choose_route, elastic_options
 from symid.cli.inputs import (
     check_distinct,
     check_output,
@@ -28,8 +31,10 @@ from symid.cli.output import Answer, Console
 from symid.cli.tables import describe_estimate, show_parameters, show_residual
 from symid.errors import Notice
 
-if TYPE_CHECKING:  # this loads numpy
+if TYPE_CHECKING:  # these load numpy
+    from symid.data.recording import Recording
     from symid.identification.estimate import Estimate
+    from symid.robot.description import Robot
 
 __all__ = ["command"]
 
@@ -38,6 +43,7 @@ __all__ = ["command"]
 @click.argument("robot")
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=click.Path(path_type=Path))
 @rows_options
+@elastic_options
 @friction_option
 @processing_options
 @set_option
@@ -51,6 +57,7 @@ def command(
     logs: tuple[Path, ...],
     rows: str,
     estimator: str,
+    method: str | None,
     friction: str | None,
     cutoff: float | None,
     decimate: int | None,
@@ -59,6 +66,7 @@ def command(
     settings: tuple[str, ...],
     output: Path | None,
     force: bool,
+    **elastic: float | None,
 ) -> Answer:
     """Identify a robot's base parameters and friction from one log or several.
 
@@ -76,9 +84,64 @@ def command(
     check_output(output, force=force, inputs=(described.path, *logs))
     check_distinct(logs)
     recordings = read_logs(logs, described)
-    library = load_robot_library(described, console)
-    console.progress(f"identifying {described.name} from {len(recordings)} log{'s'[: len(recordings) > 1]}")
+    route = choose_route(described, recordings, method=method, elastic=elastic, rigid=_list_given())
+    warnings = _list_warnings(described, recordings)
+    if route.kind == "stiffness":
+        answer = answer_stiffness(console, described, recordings, output)
+        return replace(answer, warnings=(*warnings, *answer.warnings))
+    if route.kind == "elastic":
+        answer = answer_elastic(
+            console, described, recordings, method=route.method, options=elastic, output=output
+        )
+        return replace(answer, warnings=(*warnings, *answer.warnings))
+    return _answer_rigid(
+        console,
+        described,
+        recordings,
+        logs,
+        rows=rows,
+        estimator=estimator,
+        output=output,
+        motor_side=route.kind == "motor-side",
+        warnings=warnings,
+    )
+
+
+def _list_given() -> tuple[str, ...]:
+    """Return the options of rigid robots that the command line gives, whatever their values."""
+    context = click.get_current_context()
+    default = click.core.ParameterSource.DEFAULT
+    return tuple(
+        f"--{name}" for name in ("rows", "estimator") if context.get_parameter_source(name) is not default
+    )
+
+
+def _list_warnings(robot: "Robot", recordings: Sequence["Recording"]) -> tuple[Notice, ...]:
     from symid.data.checks import check_recording
+
+    found: tuple[Notice, ...] = robot.notices
+    for recording in recordings:
+        found += (*recording.notices, *check_recording(recording, robot))
+    return found
+
+
+def _answer_rigid(
+    console: Console,
+    described: "Robot",
+    recordings: Sequence["Recording"],
+    logs: Sequence[Path],
+    *,
+    rows: str,
+    estimator: str,
+    output: Path | None,
+    motor_side: bool,
+    warnings: tuple[Notice, ...],
+) -> Answer:
+    from symid.data.checks import find_second_encoder
+    from symid.elastic.motor_side import build_rigid_variant, has_both_encoders, refuse_elasticity
+
+    library = load_robot_library(build_rigid_variant(described) if motor_side else described, console)
+    console.progress(f"identifying {described.name} from {len(recordings)} log{'s'[: len(recordings) > 1]}")
     from symid.identification.identify import identify_parameters
     from symid.identification.storage import write_estimate
     from symid.identification.validate import find_digest
@@ -94,10 +157,15 @@ def command(
             "log_digests": [find_digest(str(path)) for path in logs],
         },
     )
-    warnings: tuple[Notice, ...] = (*described.notices, *library.notices)
-    for recording in recordings:
-        warnings += (*recording.notices, *check_recording(recording, described))
-    warnings += estimate.notices
+    if any(find_second_encoder(recording) for recording in recordings):
+        unused = (
+            "the log has a second encoder, which a rigid model has no use for: its position is that of "
+            "[log.position]; --method stiffness looks at both"
+        )
+        warnings += (Notice(code="identify.second-encoder", text=unused),)
+    if motor_side:
+        estimate = refuse_elasticity(estimate, described, both=has_both_encoders(recordings))
+    warnings = (*warnings, *library.notices, *estimate.notices)
     text = _write_summary(estimate)
     if output is not None:
         text.append(f"estimate: {show_path(write_estimate(estimate, output))}")

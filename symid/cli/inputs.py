@@ -16,6 +16,7 @@ from symid.errors import EstimateError, Notice, OutputError, RobotError, UsageEr
 if TYPE_CHECKING:  # these load numpy, which a usage error must not wait for
     from symid.codegen.library import Library
     from symid.data.recording import Recording
+    from symid.elastic.estimate import ElasticEstimate
     from symid.identification.estimate import Estimate
     from symid.robot.description import Robot
 
@@ -134,7 +135,9 @@ def check_distinct(paths: Sequence[Path]) -> None:
         seen |= {path.resolve(): path, find_digest(str(path)) or path.resolve(): path}
 
 
-def load_robot_of_estimate(name: str, estimate: "Estimate", settings: Sequence[tuple[str, str]]) -> "Robot":
+def load_robot_of_estimate(
+    name: str, estimate: "Estimate | ElasticEstimate", settings: Sequence[tuple[str, str]]
+) -> "Robot":
     """Return the robot as it was when identified: with the estimate's friction, log map and processing.
 
     Settings of the command line come last, and win. Where the estimate's differ from the robot file's,
@@ -144,7 +147,8 @@ def load_robot_of_estimate(name: str, estimate: "Estimate", settings: Sequence[t
         UsageError, RobotError: see `load_robot`.
         EstimateError: what the estimate says of its log or processing cannot be read.
     """
-    kinds = set(estimate.friction)
+    # That of elastic joints does not say its friction models; its signature does.
+    kinds: set[str] = set(getattr(estimate, "friction", ()))
     # Joints with different models have them from the file: the command line sets one for all.
     described = load_robot(name, friction=kinds.pop() if len(kinds) == 1 else None)
     robot = _restore_settings(described, estimate.settings)

@@ -1,8 +1,9 @@
 """`symid report ESTIMATE -o report.html`: what was found, on one page."""
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
@@ -19,10 +20,32 @@ from symid.cli.output import Answer, Console
 from symid.errors import Notice, UsageError
 
 if TYPE_CHECKING:  # these load numpy
-    from symid.identification.estimate import Estimate, Validation
+    from symid.codegen.library import Library
+    from symid.data.recording import Recording
+    from symid.identification.estimate import Validation
     from symid.robot.description import Robot
 
 __all__ = ["command"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Call:
+    """What the command line says."""
+
+    estimate: Path
+    logs: tuple[Path, ...]
+    robot: str | None
+    pairs: tuple[tuple[str, str], ...]
+    output: Path
+
+
+class _Logs(NamedTuple):
+    """Recordings, and what a page says of them."""
+
+    library: "Library"
+    recordings: tuple["Recording", ...]
+    notices: tuple[Notice, ...]
+    origin: tuple[str, ...]
 
 
 @click.command("report")
@@ -50,61 +73,107 @@ def command(
     output: Path,
     force: bool,
 ) -> Answer:
-    """Write one self-contained HTML page: verdict, parameters, measured and predicted torques."""
+    """Write one self-contained HTML page: verdict, parameters, measured and predicted torques.
+
+    For elastic joints also springs, hysteresis loops, and the methods that were compared.
+    """
     pairs = split_settings(settings)
     check_output(output, force=force, inputs=(estimate, *logs))
-    from symid.data.checks import check_recording
+    from symid.elastic.storage import is_elastic_estimate
+
+    answer = _report_elastic if is_elastic_estimate(estimate) else _report_rigid
+    return answer(console, _Call(estimate=estimate, logs=logs, robot=robot, pairs=pairs, output=output))
+
+
+def _report_rigid(console: Console, call: _Call) -> Answer:
+    """Estimate of a rigid robot, logs -> page."""
+    from symid.elastic.motor_side import build_rigid_variant, find_unseen
     from symid.identification.storage import read_estimate
     from symid.identification.validate import check_model, find_window, validate_estimate
     from symid.report.identification import write_report
 
-    found = read_estimate(estimate)
+    found = read_estimate(call.estimate)
     validations: list[Validation] = []
     notices: tuple[Notice, ...] = ()
     origin: tuple[str, ...] = ()
-    if logs:
-        described = _find_robot(robot, found, pairs)
-        check_output(output, force=force, inputs=(described.path,))
-        notices += described.notices
-        recordings = read_logs(logs, described)
-        library = load_robot_library(described, console)
-        notices += library.notices
-        origin = describe_origin(described, library, recordings)
-        check_model(found, library.card, str(estimate))
+    if call.logs:
+        described = _find_robot(
+            call, found.robot, lambda name: load_robot_of_estimate(name, found, call.pairs)
+        )
+        # What was identified as rigid is tried as rigid, whatever the robot file says of its joints.
+        robot = build_rigid_variant(described)
+        unseen = {name for name, _ in find_unseen(described)}
+        tried = replace(found, refused=tuple(entry for entry in found.refused if entry[0] not in unseen))
+        library, recordings, notices, origin = _read_logs(console, call, robot)
+        check_model(tried, library.card, str(call.estimate))
         for recording in recordings:
             console.progress(f"validating on {recording.source}")
-            notices += (*recording.notices, *check_recording(recording, described))
             # In the rows of the fit, because only like residuals can be compared.
             validations.append(
                 validate_estimate(
-                    found,
+                    tried,
                     library,
                     recording,
-                    described.processing,
+                    robot.processing,
                     rows=found.rows,
                     window=find_window(found.settings),
                 )
             )
-    path = write_report(output, found, tuple(validations), notices, origin)
-    result = {
-        "robot": found.robot,
-        "file": path,
-        "validations": [entry.source for entry in validations],
-    }
-    warnings = (*notices, *(notice for entry in validations for notice in entry.notices))
+    path = write_report(call.output, found, tuple(validations), notices, origin)
+    sources = [entry.source for entry in validations]
+    told = (*notices, *(notice for entry in validations for notice in entry.notices))
+    return _answer(found.robot, path, sources, told)
+
+
+def _report_elastic(console: Console, call: _Call) -> Answer:
+    """Estimate of elastic joints, logs -> page."""
+    from symid.elastic.storage import read_elastic_estimate
+    from symid.elastic.torsion import prepare_aligned
+    from symid.report.elastic import ElasticExtras, write_elastic_report
+    from symid.report.elastic_trial import try_estimate
+
+    found = read_elastic_estimate(call.estimate)
+    extras = ElasticExtras()
+    if call.logs:
+        robot = _find_robot(call, found.robot, lambda name: load_robot_of_estimate(name, found, call.pairs))
+        library, recordings, notices, origin = _read_logs(console, call, robot)
+        found = read_elastic_estimate(call.estimate, library.card)
+        console.progress(f"trying the model on {len(recordings)} log{'s'[: len(recordings) > 1]}")
+        moved, _, told = prepare_aligned(library, recordings)
+        trials = tuple(try_estimate(found, library, recording) for recording in moved)
+        extras = ElasticExtras(trials=trials, notices=(*notices, *told), origin=origin)
+    path = write_elastic_report(call.output, found, extras)
+    return _answer(found.robot, path, [entry.source for entry in extras.trials], extras.notices)
+
+
+def _read_logs(console: Console, call: _Call, robot: "Robot") -> _Logs:
+    """Return library and recordings with what a reader should know of them."""
+    from symid.data.checks import check_recording
+
+    check_output(call.output, force=True, inputs=(robot.path,))
+    recordings = read_logs(call.logs, robot)
+    library = load_robot_library(robot, console)
+    notices = (*robot.notices, *library.notices)
+    for recording in recordings:
+        notices += (*recording.notices, *check_recording(recording, robot))
+    return _Logs(library, recordings, notices, describe_origin(robot, library, recordings))
+
+
+def _answer(robot: str, path: Path, sources: list[str], warnings: tuple[Notice, ...]) -> Answer:
+    result = {"robot": robot, "file": path, "validations": sources}
     return Answer(text=f"report: {show_path(path)}", result=result, warnings=warnings)
 
 
-def _find_robot(name: str | None, estimate: "Estimate", pairs: tuple[tuple[str, str], ...]) -> "Robot":
+def _find_robot(call: _Call, named: str, load: Callable[[str], "Robot"]) -> "Robot":
     """Return the robot of the logs; where the estimate's name leads nowhere, say how to name a file."""
     try:
-        return load_robot_of_estimate(name or estimate.robot, estimate, pairs)
+        return load(call.robot or named)
     except UsageError as error:
         first = error.notices[0]
-        if first.code != "usage.unknown-robot" or name is not None:
+        if first.code != "usage.unknown-robot" or call.robot is not None:
             raise
         text = (
-            f"the estimate was made with robot '{estimate.robot}', which is not among the known robots; "
+            f"the estimate was made with robot '{named}', which is not among the known robots; "
             "name its file with --robot FILE.toml"
         )
         raise UsageError(replace(first, text=text)) from error

@@ -3,9 +3,10 @@
 Input: `Recording`, the robot. Output: notices.
 
 Supported: slightly uneven sampling, a channel that never changes, standstill, torque at its limit,
-positions beyond the joint's limits, positions that look like degrees, coarse or repeated samples.
-Not supported: gaps and strong jitter, which `signals` refuses; delays between channels, offsets
-between runs.
+positions beyond the joint's limits, positions that look like degrees, coarse or repeated samples, second
+encoders that are not there.
+Not supported: gaps and strong jitter, which `signals` refuses; delays between channels and offsets between
+runs, which `alignment` estimates.
 """
 
 from collections.abc import Iterator
@@ -17,7 +18,7 @@ from symid.data.recording import Recording
 from symid.errors import Notice
 from symid.robot.description import Joint, JointKind, Robot
 
-__all__ = ["check_recording"]
+__all__ = ["check_recording", "find_second_encoder"]
 
 # Thresholds are those of a remark, not of a refusal: they only choose what is worth saying.
 _JITTER = 0.05
@@ -36,7 +37,30 @@ def check_recording(recording: Recording, robot: Robot) -> tuple[Notice, ...]:
         found += _check_position(position, joint)
         found += _check_torque(torque, joint)
         found += _check_motion(position, recording.period, joint)
+    found += _check_second(recording, robot)
     return tuple(Notice(code=code, text=text, file=recording.source) for code, text in found)
+
+
+def find_second_encoder(recording: Recording) -> str | None:
+    """Return the side that a second position was measured on: "motor" or "link", None if there is none."""
+    if recording.motor_position is not None:
+        return "motor"
+    return None if recording.link_position is None else "link"
+
+
+def _check_second(recording: Recording, robot: Robot) -> Iterator[tuple[str, str]]:
+    side = find_second_encoder(recording)
+    second = recording.motor_position if side == "motor" else recording.link_position
+    if side is None or second is None:
+        return
+    names = [repr(joint.name) for joint in robot.axes]
+    still = np.ptp(second, axis=0) == 0.0
+    copied = np.all(second == recording.position, axis=0) & ~still
+    for mask, what in ((still, "is constant"), (copied, "repeats the position to the last bit")):
+        if mask.any():
+            joints = ", ".join(name for name, hit in zip(names, mask, strict=True) if hit)
+            text = f"the channel of the {side} encoder {what} for {joints}: there is no such encoder"
+            yield "log.no-second-encoder", f"{text}, and the torsion of these joints is unknown"
 
 
 def _check_time(time: FloatArray) -> Iterator[tuple[str, str]]:

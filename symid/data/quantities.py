@@ -5,7 +5,8 @@ Input: `RawLog`, the robot's `LogMap`. Output: arrays (N, n); remarks on every c
     columns -> one column a joint -> SI (unit) -> quantity (factor) -> joint side (gear)
 
 Supported: one column a joint, or one array with a column a joint; without a map, the names
-t, q, dq, tau (arrays) or q1, q2 ... and time, position, velocity, torque.
+t, q, dq, tau (arrays) or q1, q2 ... and time, position, velocity, torque, and theta, motor_position or
+link_position for the second encoder of each joint.
 Not supported: coupled drives (a motor that moves two joints).
 """
 
@@ -29,15 +30,20 @@ from symid.data.table import RawLog
 from symid.robot.description import Robot
 from symid.robot.log_map import LogQuantity
 
-__all__ = ["DEFAULT_NAMES", "find_quantity", "find_time"]
+__all__ = ["DEFAULT_NAMES", "OPTIONAL", "find_quantity", "find_time"]
 
 DEFAULT_NAMES = {
     "time": ("t", "time"),
     "position": ("q", "position"),
     "velocity": ("dq", "velocity"),
     "torque": ("tau", "torque"),
+    "motor_position": ("theta", "motor_position"),
+    "link_position": ("link_position",),
 }
 """Names under which a quantity is looked up where the robot file says nothing."""
+
+OPTIONAL = ("velocity", "motor_position", "link_position")
+"""Quantities that a log need not have, unless the robot file names their columns."""
 
 
 def find_time(raw: RawLog, robot: Robot, findings: Findings) -> tuple[FloatArray | None, tuple[str, ...]]:
@@ -70,12 +76,12 @@ def find_quantity(
 ) -> tuple[FloatArray | None, tuple[str, ...]]:
     """Return the quantity `name` (N, n) in SI units on the joint side, and the columns used.
 
-    None if there is no such column (a mistake, except for a velocity that no map asks for), or if
-    it cannot be converted. `samples` is the length of the time column, where that is known.
+    None if there is no such column (a mistake, except for an optional quantity that no map asks for), or
+    if it cannot be converted. `samples` is the length of the time column, where that is known.
     """
     asked: LogQuantity | None = getattr(robot.log, name)
     names = asked.columns if asked else _find_default_names(raw, name)
-    if name == "velocity" and asked is None and not all(column in raw.columns for column in names):
+    if name in OPTIONAL and asked is None and not _is_free(raw, robot, names):
         return None, ()
     if asked is None and not _check_joint_numbers(raw, robot, name, names, findings):
         return None, names
@@ -108,6 +114,14 @@ def _find_default_names(raw: RawLog, name: str) -> tuple[str, ...]:
         if found and name != "time":
             return tuple(column for _, column in found)
     return (DEFAULT_NAMES[name][0],)
+
+
+def _is_free(raw: RawLog, robot: Robot, names: tuple[str, ...]) -> bool:
+    """Return whether the columns are there, and the robot file reads none of them as something else."""
+    log = robot.log
+    quantities = (log.time, log.position, log.velocity, log.torque, log.motor_position, log.link_position)
+    claimed = {column for entry in quantities if entry is not None for column in entry.columns}
+    return all(column in raw.columns and column not in claimed for column in names)
 
 
 def _list_numbers(names: tuple[str, ...]) -> list[int]:

@@ -36,6 +36,8 @@ READERS: dict[str, Callable[[Path], RawLog]] = {
 }
 """Which reader a suffix gets."""
 
+_ENCODERS = ("motor_position", "link_position")
+
 
 def read_recording(path: Path, robot: Robot) -> Recording:
     """Return the recording in the log at `path`, as the robot's `[log]` map reads it.
@@ -49,10 +51,12 @@ def read_recording(path: Path, robot: Robot) -> Recording:
     samples = None if time is None else len(time)
     values: dict[str, FloatArray | None] = {}
     columns: dict[str, tuple[str, ...]] = {}
-    for name in ("position", "velocity", "torque"):
+    for name in ("position", "velocity", "torque", *_ENCODERS):
         values[name], columns[name] = find_quantity(raw, robot, name, samples, findings)
     # A velocity stops nothing: no stage uses it.
-    _check_numbers(raw, (*used, *columns["position"], *columns["torque"]), findings)
+    needed = (column for name in ("position", "torque", *_ENCODERS) for column in columns[name])
+    _check_numbers(raw, (*used, *needed), findings)
+    _check_encoders(columns, findings)
     if time is not None:
         _check_time(time, robot.processing, findings)
     position, torque = values["position"], values["torque"]
@@ -66,11 +70,31 @@ def read_recording(path: Path, robot: Robot) -> Recording:
         time=time,
         position=position,
         velocity=values["velocity"],
+        motor_position=values["motor_position"],
+        link_position=values["link_position"],
         torque=torque,
         source=str(path),
         notices=tuple(findings.remarks),
         extras={name: raw.columns[name] for name in unused},
     )
+
+
+def _check_encoders(columns: dict[str, tuple[str, ...]], findings: Findings) -> None:
+    """Refuse a log whose positions have two second encoders, or one that is the first one again."""
+    motor, link = (columns[name] for name in _ENCODERS)
+    if motor and link:
+        text = (
+            f"the log has motor positions ({', '.join(motor)}) and link positions ({', '.join(link)}) "
+            f"besides its positions ({', '.join(columns['position'])}), which must be one of the two: "
+            "name the columns of the links in [log.position] and those of the motors in "
+            "[log.motor_position], or those of the motors in [log.position] and those of the links in "
+            "[log.link_position]; rename what is left over"
+        )
+        findings.refuse("log.two-encoders", text)
+    for name in _ENCODERS:
+        if columns[name] and columns[name] == columns["position"]:
+            text = f"{name} and position are the same columns ({', '.join(columns[name])})"
+            findings.refuse("log.same-encoder", f"{text}: one encoder tells no torsion; leave {name} out")
 
 
 def _remark_unused(names: tuple[str, ...], velocity: tuple[str, ...], findings: Findings) -> None:

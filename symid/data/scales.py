@@ -31,6 +31,7 @@ _DIMENSIONS = {
     "velocity": {JointKind.REVOLUTE: "angular velocity", JointKind.PRISMATIC: "velocity"},
     "torque": {JointKind.REVOLUTE: "torque", JointKind.PRISMATIC: "force"},
 }
+_DIMENSIONS["motor_position"] = _DIMENSIONS["link_position"] = _DIMENSIONS["position"]
 # A factor may have any of these on the raw side: encoder counts, sensor and command voltages.
 _CONVERTIBLE = ("number", "voltage", "current")
 

@@ -2,7 +2,8 @@
 
 Input: `Recording`, the robot. Output: a .npz or .csv file, written whole or not at all.
 
-Supported: time, position, velocity where there is one, torque, in SI units with the units stated.
+Supported: time, position, velocity and second encoder where there are such, torque, in SI units with the
+units stated.
 Not supported: extras; they belong to the file they were read from.
 """
 
@@ -68,10 +69,15 @@ def _list_quantities(recording: Recording) -> list[tuple[str, FloatArray]]:
     found = [("q", recording.position), ("tau", recording.torque)]
     if recording.velocity is not None:
         found.insert(1, ("dq", recording.velocity))
+    if recording.motor_position is not None:
+        found.append(("theta", recording.motor_position))
+    if recording.link_position is not None:
+        found.append(("link_position", recording.link_position))
     return found
 
 
 def _find_units(name: str, robot: Robot) -> tuple[str, ...]:
+    name = "q" if name == "link_position" else name
     return tuple(find_unit(name, prismatic=joint.kind is JointKind.PRISMATIC) for joint in robot.axes)
 
 

@@ -48,13 +48,7 @@ def find_elastic_reference(
             "driven by motors with a rotor_inertia, without damping, cubic springs or couplings"
         )
         raise UsageError(Notice(code="usage.no-feed-forward", text=text))
-    springs = find_spring_vector(fit.elasticity)
-    if len(springs) != len(library.card.springs):
-        text = (
-            f"the springs have {len(springs)} parameters, those of the library {len(library.card.springs)}: "
-            "generate it for the identified springs"
-        )
-        raise UsageError(Notice(code="usage.no-feed-forward", text=text))
+    springs = find_spring_vector(fit.elasticity, library.card)
     spec = next(function for function in library.card.functions if function.name == _FUNCTION)
     shared = {"beta": fit.beta, "IA": fit.rotor, "f": fit.friction, "h": springs}
     parameters = [shared[port.name] for port in spec.inputs if port.name in shared]

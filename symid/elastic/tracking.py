@@ -9,7 +9,7 @@ Supported: several models at once, compared with a controller that takes the joi
 Not supported: noise in the loop.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,11 +25,13 @@ from symid.robot.elasticity import Elasticity, Knee, Stop
 from symid.simulation.elastic_experiment import simulate_elastic
 from symid.simulation.elastic_options import ElasticExperimentOptions, MotorReference
 
-__all__ = ["RIGID", "TrackingRun", "prepare_controller", "simulate_tracking", "widen_springs"]
+__all__ = ["RIGID", "SpringCounts", "TrackingRun", "prepare_controller", "simulate_tracking", "widen_springs"]
 
 RIGID = "rigid feed-forward"
 _FUNCTION = "elastic_inverse_dynamics"
 _FURTHER = 1.5
+_MULTIPLE = 4
+"""Stops and knees are counted up to it, so that many models share one compiled function."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -51,9 +53,15 @@ class TrackingRun:
         result: FloatArray = np.sqrt(np.mean(self.error**2, axis=0))
         return result
 
+    @property
+    def peak(self) -> FloatArray:
+        """Return the largest error of each joint (n,), rad or m."""
+        result: FloatArray = np.max(np.abs(self.error), axis=0)
+        return result
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Counts:
+class SpringCounts:
     """How many stops, and knees on either side, the springs of one joint have."""
 
     stops: int
@@ -106,7 +114,7 @@ def simulate_tracking(
 
 
 def prepare_controller(
-    robot: Robot, counts: Sequence[_Counts], progress: Callable[[str], None] = lambda _: None
+    robot: Robot, counts: Sequence[SpringCounts], progress: Callable[[str], None] = lambda _: None
 ) -> Library:
     """Return the feed-forward function of a robot whose springs have so many stops and knees."""
     places = dict(zip(robot.coordinates, counts, strict=True))
@@ -118,27 +126,28 @@ def prepare_controller(
     return prepare_library(shaped, names=(_FUNCTION,), progress=progress)
 
 
-def widen_springs(
-    elasticity: Sequence[Elasticity], counts: Sequence[_Counts] | None = None
-) -> tuple[Elasticity, ...]:
+def widen_springs(elasticity: Sequence[Elasticity], counts: Sequence[SpringCounts]) -> tuple[Elasticity, ...]:
     """Return springs of the same torque with more stops and knees, which have no effect."""
-    wanted = counts or _find_counts([tuple(elasticity)])
-    return tuple(_widen(spring, count) for spring, count in zip(elasticity, wanted, strict=True))
+    return tuple(_widen(spring, count) for spring, count in zip(elasticity, counts, strict=True))
 
 
-def _find_counts(models: Sequence[Sequence[Elasticity]]) -> tuple[_Counts, ...]:
-    """Return, joint by joint, the largest numbers that occur in any model."""
+def _find_counts(models: Sequence[Sequence[Elasticity]]) -> tuple[SpringCounts, ...]:
+    """Return, joint by joint, the largest numbers that occur in any model, counted up."""
     return tuple(
-        _Counts(
-            stops=max(len(spring.stops) for spring in springs),
-            below=max(sum(knee.threshold < 0.0 for knee in spring.knees) for spring in springs),
-            above=max(sum(knee.threshold > 0.0 for knee in spring.knees) for spring in springs),
+        SpringCounts(
+            stops=_count_up(len(spring.stops) for spring in springs),
+            below=_count_up(sum(knee.threshold < 0.0 for knee in spring.knees) for spring in springs),
+            above=_count_up(sum(knee.threshold > 0.0 for knee in spring.knees) for spring in springs),
         )
         for springs in zip(*models, strict=True)
     )
 
 
-def _widen(spring: Elasticity, count: _Counts) -> Elasticity:
+def _count_up(numbers: Iterable[int]) -> int:
+    return -(-max(numbers) // _MULTIPLE) * _MULTIPLE
+
+
+def _widen(spring: Elasticity, count: SpringCounts) -> Elasticity:
     stops = list(spring.stops)
     while len(stops) < count.stops:
         last = stops[-1].threshold if stops else 1.0
@@ -152,6 +161,6 @@ def _widen(spring: Elasticity, count: _Counts) -> Elasticity:
     return replace(spring, stops=tuple(stops), knees=(*below, *above))
 
 
-def _build_template(count: _Counts) -> Elasticity:
+def _build_template(count: SpringCounts) -> Elasticity:
     """Return a spring of that shape; its numbers are arguments of the function."""
     return _widen(Elasticity(stiffness=1.0), count)

@@ -1,19 +1,19 @@
 """Reference trajectories with exact derivatives, starting at rest.
 
 Input: amplitudes, frequencies, phases, or limits and a random generator.
-Output: `Trajectory`; `evaluate` gives q, dq, ddq at any times.
+Output: `Trajectory`; `evaluate` gives q, dq, ddq at any times, `evaluate_derivatives` as many as wanted.
 
     q_j(t) = c_j + r(t) (1 - k_j t) sum_i a_ij sin(w_ij t + p_ij)
 
 with the ramp r(t) = 10 s^3 - 15 s^4 + 6 s^5, s = min(t / ramp, 1): value, slope and curvature are
-zero at t = 0, so every trajectory starts at c_j at rest.
+zero at t = 0, so every trajectory starts at c_j at rest. Its third derivative jumps at both ends of the ramp.
 
-Supported: finite Fourier series, random ones within limits, the trajectories of the papers.
+Supported: finite Fourier series, random ones within limits, the trajectories of the papers, at any scale.
 Not supported: trajectories optimised for information, point-to-point motions.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,12 +26,15 @@ __all__ = [
     "Trajectory",
     "build_fourier",
     "build_random_fourier",
+    "build_scaled",
     "build_ta",
     "build_tb",
+    "build_tc",
 ]
 
 _TA_DURATION = 20.0
 _TB_DURATION = 50.0
+_TC_DURATION = 20.0
 _NO_WEAR = 0.9
 """Share of a limit that a random trajectory uses."""
 
@@ -68,18 +71,32 @@ class Trajectory:
 
     def evaluate(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return q, dq, ddq, each (N, n) in rad or m, /s, /s^2, at `times` (N,) in s; exact derivatives."""
-        t = np.asarray(times, dtype=np.float64)[:, None]
-        # Product rule with three factors: ramp r, decay e, sum of sines f.
-        ramp, ramp1, ramp2 = _evaluate_ramp(t, self.ramp)
-        envelope, envelope1 = 1.0 - self.decay * t, -self.decay
-        wave, wave1, wave2 = _evaluate_sines(self, t)
-        inner = envelope * wave
-        inner1 = envelope1 * wave + envelope * wave1
-        inner2 = 2.0 * envelope1 * wave1 + envelope * wave2
-        q = self.centre + ramp * inner
-        dq = ramp1 * inner + ramp * inner1
-        ddq = ramp2 * inner + 2.0 * ramp1 * inner1 + ramp * inner2
+        q, dq, ddq = self.evaluate_derivatives(times, 2)
         return q, dq, ddq
+
+    def evaluate_derivatives(self, times: FloatArray, order: int) -> tuple[FloatArray, ...]:
+        """Return q and its time derivatives up to `order`, each (N, n) in rad or m, /s, /s^2 and so on.
+
+        Exact, by the product rule for ramp, decay and sum of sines. From the third on they jump where the
+        ramp begins and ends.
+
+        Args:
+            times: (N,) s.
+            order: of the highest derivative, 0 or more.
+        """
+        t = np.asarray(times, dtype=np.float64)[:, None]
+        waves = [_evaluate_sines(self, t, k) for k in range(order + 1)]
+        envelope = 1.0 - self.decay * t
+        inner = [
+            envelope * wave - k * self.decay * waves[k - 1] if k else envelope * wave
+            for k, wave in enumerate(waves)
+        ]
+        ramps = _evaluate_ramp(t, self.ramp, order)
+        found = [
+            sum((math.comb(k, j) * ramps[j] * inner[k - j] for j in range(k + 1)), np.zeros_like(inner[k]))
+            for k in range(order + 1)
+        ]
+        return (self.centre + found[0], *found[1:])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -217,21 +234,64 @@ def build_tb(joint: int, *, size: int = 2, ramp: float = 2.0, duration: float = 
     )
 
 
-def _evaluate_ramp(t: FloatArray, ramp: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+def build_tc(*, size: int = 2, ramp: float = 2.0, duration: float = _TC_DURATION) -> Trajectory:
+    """Return the trajectory on which models are tried that were identified on others, exact after the ramp.
+
+    q_j = 0.4 sum_k a_k sin(2 pi f_k t + k + j - 1) rad: f = 0.15, 0.45, 0.9 Hz, a = 1, 1/2, 1/4, k = 0, 1, 2.
+    """
+    return Trajectory(
+        centre=np.zeros(size),
+        amplitude=np.broadcast_to(0.4 * np.array([1.0, 0.5, 0.25]), (size, 3)),
+        frequency=np.broadcast_to(2.0 * math.pi * np.array([0.15, 0.45, 0.9]), (size, 3)),
+        phase=np.arange(size)[:, None] + np.array([0.0, 1.0, 2.0]),
+        decay=np.zeros(size),
+        ramp=ramp,
+        duration=duration,
+        source="TC: three sines of every joint, for validation",
+    )
+
+
+def build_scaled(trajectory: Trajectory, scale: float) -> Trajectory:
+    """Return `trajectory` with amplitudes times `scale` about the same centre.
+
+    Raises:
+        UsageError: the scale is not positive and finite.
+    """
+    if not 0.0 < scale < math.inf:
+        text = f"the scale of a trajectory must be positive and finite, got {scale:g}"
+        raise UsageError(Notice(code="usage.trajectory-scale", text=text))
+    if scale == 1.0:
+        return trajectory
+    source = f"{trajectory.source}, amplitudes times {scale:g}"
+    return replace(trajectory, amplitude=scale * trajectory.amplitude, source=source)
+
+
+def _evaluate_ramp(t: FloatArray, ramp: float, order: int) -> list[FloatArray]:
+    """Return the ramp and its derivatives; after its end, and where there is none, it is one."""
     if ramp <= 0.0:
-        return np.ones_like(t), np.zeros_like(t), np.zeros_like(t)
-    s = np.clip(t / ramp, 0.0, 1.0)
-    value = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-    slope = 30.0 * s**2 * (1.0 - s) ** 2 / ramp
-    curvature = 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / ramp**2
-    return value, slope, curvature
+        return [np.ones_like(t), *(np.zeros_like(t) for _ in range(order))]
+    s, inside = np.clip(t / ramp, 0.0, 1.0), (t >= 0.0) & (t < ramp)
+    # Written in factors that vanish at the ends, the first three have no rounding there.
+    values = [
+        s**3 * (10.0 - 15.0 * s + 6.0 * s**2),
+        30.0 * s**2 * (1.0 - s) ** 2,
+        60.0 * s * (1.0 - s) * (1.0 - 2.0 * s),
+        np.where(inside, 60.0 - 360.0 * s + 360.0 * s**2, 0.0),
+        np.where(inside, 720.0 * s - 360.0, 0.0),
+        np.where(inside, 720.0, 0.0),
+    ]
+    values += [np.zeros_like(t) for _ in range(order - 5)]
+    return [value / ramp**k for k, value in enumerate(values[: order + 1])]
 
 
-def _evaluate_sines(trajectory: Trajectory, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _evaluate_sines(trajectory: Trajectory, t: FloatArray, order: int) -> FloatArray:
+    """Return the derivative of the sum of sines of this order."""
     a, w = trajectory.amplitude, trajectory.frequency
     angle = w * t[:, :, None] + trajectory.phase
-    sine, cosine = np.sin(angle), np.cos(angle)
-    return (a * sine).sum(axis=2), (a * w * cosine).sum(axis=2), -(a * w**2 * sine).sum(axis=2)
+    wave = np.cos(angle) if order % 2 else np.sin(angle)
+    sign = -1.0 if order % 4 in {2, 3} else 1.0
+    total: FloatArray = (sign * a * w**order * wave).sum(axis=2)
+    return total
 
 
 def _find_bounds(joint: Joint, options: FourierOptions) -> tuple[float, float, float, float]:

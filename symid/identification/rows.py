@@ -30,7 +30,16 @@ from symid.errors import Notice, UsageError
 from symid.identification.quadrature import find_windows, integrate_windows
 from symid.robot.log_map import Processing
 
-__all__ = ["ROW_KINDS", "WINDOW", "Rows", "build_rows", "drop_groups", "select_rows", "stack_rows"]
+__all__ = [
+    "ROW_KINDS",
+    "WINDOW",
+    "Rows",
+    "build_rows",
+    "drop_groups",
+    "select_rows",
+    "stack_rows",
+    "warn_of_energy",
+]
 
 ROW_KINDS = ("torque", "momentum", "energy")
 WINDOW = 0.1
@@ -215,11 +224,12 @@ def _assemble(
         group_units=("J",) if scalar else tuple(joint.torque_unit + factor for joint in joints),
         independent=independent,
         velocity_units=("",) if scalar else tuple(f"{joint.position_unit}/s" for joint in joints),
-        notices=_warn_of_energy(card.size) if scalar else (),
+        notices=warn_of_energy(card.size) if scalar else (),
     )
 
 
-def _warn_of_energy(joints: int) -> tuple[Notice, ...]:
+def warn_of_energy(joints: int) -> tuple[Notice, ...]:
+    """Return the warning that energy rows of so many joints deserve."""
     if joints <= _ENERGY_LIMIT:
         return ()
     text = (

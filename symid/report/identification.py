@@ -7,57 +7,30 @@ Supported: printing, light and dark screens, readers that speak; no scripts, no 
 Not supported: more than one robot on a page.
 """
 
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from symid import __version__
 from symid.errors import Notice
-from symid.identification.estimate import Estimate, ParameterEstimate, Residual, Series, Validation
+from symid.identification.estimate import Estimate, Series, Validation
 from symid.identification.storage import write_file
-from symid.report.figures import Line, build_histogram, build_line_figure
+from symid.report.bars import build_histogram
+from symid.report.figures import build_line_figure
+from symid.report.lines import Line
+from symid.report.tables import ParameterLine, ResidualLine, list_settings, write_parameter, write_residual
 from symid.report.templates import write_page
 from symid.report.verdict import Verdict, find_verdict
 
 __all__ = [
     "JointSection",
     "LogSection",
-    "ParameterLine",
     "ReportPage",
-    "ResidualLine",
     "build_report",
     "write_report",
 ]
 
 _TEMPLATE = "identification.html.jinja"
 _QUANTITIES = {"torque": "torque", "momentum": "impulse", "energy": "work"}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ParameterLine:
-    """A row of the parameter table, ready to print; `truth` and `inside` may be empty."""
-
-    name: str
-    value: str
-    std: str
-    relative: str
-    unit: str
-    truth: str
-    inside: str
-    expression: str
-    reason: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ResidualLine:
-    """A row of a residual table, ready to print."""
-
-    joint: str
-    norm: str
-    relative: str
-    std: str
-    samples: str
-    unit: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,41 +104,13 @@ def build_report(
         robot=estimate.robot,
         verdict=find_verdict(estimate, validations),
         has_truth=any(entry.truth is not None for entry in estimate.parameters),
-        parameters=tuple(map(_write_parameter, estimate.parameters)),
+        parameters=tuple(map(write_parameter, estimate.parameters)),
         refused=estimate.refused,
-        fit_residual=tuple(map(_write_residual, estimate.residual)),
+        fit_residual=tuple(map(write_residual, estimate.residual)),
         logs=tuple(map(_write_log, validations)),
         settings=_write_settings(estimate),
         notices=tuple(dict.fromkeys(map(str, told))),
         origin=(f"Written by symid {__version__}", *origin),
-    )
-
-
-def _write_parameter(entry: ParameterEstimate) -> ParameterLine:
-    inside = ""
-    if entry.truth is not None:
-        inside = "yes" if abs(entry.value - entry.truth) <= 3.0 * entry.std else "no"
-    return ParameterLine(
-        name=entry.name,
-        value=f"{entry.value:.5g}",
-        std=f"{entry.std:.2g}",
-        relative=f"{entry.relative_std_percent:.2g} %",
-        unit=entry.unit,
-        truth="" if entry.truth is None else f"{entry.truth:.5g}",
-        inside=inside,
-        expression="" if entry.expression == entry.name else entry.expression,
-        reason=entry.reason,
-    )
-
-
-def _write_residual(entry: Residual) -> ResidualLine:
-    return ResidualLine(
-        joint=entry.joint,
-        norm=f"{entry.norm:.5g}",
-        relative=f"{entry.relative_percent:.4f} %",
-        std=f"{entry.std:.4g}",
-        samples=str(entry.samples),
-        unit=entry.unit,
     )
 
 
@@ -177,7 +122,7 @@ def _write_log(validation: Validation) -> LogSection:
         source=validation.source,
         caption=caption,
         mean_relative=f"{validation.mean_relative_percent:.4f} %",
-        residual=tuple(map(_write_residual, validation.residual)),
+        residual=tuple(map(write_residual, validation.residual)),
         joints=tuple(_draw_joint(series, validation.rows) for series in validation.series),
     )
 
@@ -223,14 +168,4 @@ def _write_settings(estimate: Estimate) -> tuple[tuple[str, str], ...]:
         ("outcome", estimate.outcome.value),
         ("signature of the model", estimate.signature),
     )
-    return head + tuple(_flatten("", estimate.settings))
-
-
-def _flatten(prefix: str, value: object) -> Iterator[tuple[str, str]]:
-    if isinstance(value, Mapping):
-        for key, entry in value.items():
-            yield from _flatten(f"{prefix}.{key}" if prefix else str(key), entry)
-    elif isinstance(value, list | tuple):
-        yield prefix, ", ".join(map(str, value))
-    else:
-        yield prefix, "none" if value is None else str(value)
+    return head + tuple(list_settings(estimate.settings))

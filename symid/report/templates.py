@@ -36,11 +36,13 @@ def _find_environment() -> "Environment":
 
 @cache
 def find_variables(name: str) -> frozenset[str]:
-    """Return the names that the template `name` wants from its context."""
+    """Return the names that the template `name` and those it builds on want from its context."""
     from jinja2 import meta
 
     source = (find_resource_folder("templates") / "report" / name).read_text(encoding="utf-8")
-    return frozenset(meta.find_undeclared_variables(_find_environment().parse(source)))
+    tree = _find_environment().parse(source)
+    others = (find_variables(other) for other in meta.find_referenced_templates(tree) if other)
+    return frozenset(meta.find_undeclared_variables(tree)).union(*others)
 
 
 def write_page(name: str, context: "DataclassInstance") -> str:

@@ -16,7 +16,7 @@ from statistics import NormalDist
 
 from symid.identification.estimate import Estimate, ParameterEstimate, Validation
 
-__all__ = ["Verdict", "find_verdict"]
+__all__ = ["LEVELS", "Verdict", "describe_parameters", "find_parameter_caps", "find_verdict", "weigh"]
 
 _SAME, _WORSE = 1.2, 2.0
 _SHARP, _VAGUE = 10.0, 30.0
@@ -26,7 +26,7 @@ _LARGE, _HUGE = 10.0, 30.0
 _VAGUE_SHARE = 1.0 / 3.0
 _CHANCE = 0.01
 """A deviation less likely than this is no chance."""
-_LEVELS = ("poor", "fair", "good")
+LEVELS = ("poor", "fair", "good")
 _QUANTITIES = {"torque": "torque", "momentum": "impulse", "energy": "work"}
 
 
@@ -44,26 +44,39 @@ def find_verdict(estimate: Estimate, validations: tuple[Validation, ...]) -> Ver
     held_out = tuple(validation for validation in validations if not validation.fitted)
     level, headline = _judge_prediction(estimate, held_out)
     caps = _find_caps(estimate, held_out)
-    level = min((level, *(cap for cap, _ in caps)), key=_LEVELS.index)
     details = [_describe_fit(estimate)]
     if len(held_out) < len(validations):
         details.append("A log given for validation is one it was fitted to, and was not counted as a test.")
-    details += _describe_precision(estimate.parameters)
-    truth = _describe_truth(estimate.parameters)
-    if truth:
-        details.append(truth)
-    if estimate.refused:
-        names = ", ".join(name for name, _ in estimate.refused)
-        details.append(f"Not known from these logs, and left out: {names}.")
+    details += describe_parameters(estimate.parameters, estimate.refused)
     if estimate.condition > _CONDITION:
         text = (
             f"The condition number of the scaled matrix is {estimate.condition:.3g}: the motion hardly tells "
             "some parameters apart; a more exciting one would."
         )
         details.append(text)
+    return weigh(level, headline, details, caps)
+
+
+def weigh(level: str, headline: str, details: list[str], caps: list[tuple[str, str]]) -> Verdict:
+    """Return the verdict of what speaks for a level, and of `caps`: the best level each allows, and why."""
+    level = min((level, *(cap for cap, _ in caps)), key=LEVELS.index)
     if caps:
         headline = f"{headline} But {'; '.join(reason for _, reason in caps)}."
     return Verdict(level=level, headline=headline, details=tuple(details))
+
+
+def describe_parameters(
+    parameters: tuple[ParameterEstimate, ...], refused: tuple[tuple[str, str], ...]
+) -> list[str]:
+    """Return sentences on how well parameters are known, how near the truth they are, and what is refused."""
+    details = _describe_precision(parameters) if parameters else []
+    truth = _describe_truth(parameters)
+    if truth:
+        details.append(truth)
+    if refused:
+        names = ", ".join(name for name, _ in refused)
+        details.append(f"Not known from these logs, and left out: {names}.")
+    return details
 
 
 def _judge_prediction(estimate: Estimate, validations: tuple[Validation, ...]) -> tuple[str, str]:
@@ -118,18 +131,27 @@ def _find_caps(estimate: Estimate, validations: tuple[Validation, ...]) -> list[
         limit = _LARGE if percent <= _HUGE else _HUGE
         level = "fair" if percent <= _HUGE else "poor"
         caps.append((level, f"more than {limit:g} % of a held-out log is left unexplained"))
-    missed, known = _find_missed(estimate.parameters)
+    caps += find_parameter_caps(estimate.parameters, estimate.refused)
+    if not estimate.condition <= _CONDITION:
+        caps.append(("fair", "the motion hardly tells some parameters apart"))
+    return caps
+
+
+def find_parameter_caps(
+    parameters: tuple[ParameterEstimate, ...], refused: tuple[tuple[str, str], ...]
+) -> list[tuple[str, str]]:
+    """Return the best levels that the parameters allow, and why."""
+    caps = []
+    missed, known = _find_missed(parameters)
     if missed:
         level = "poor" if 2 * len(missed) > known else "fair"
         caps.append((level, f"true values were missed beyond what chance explains: {', '.join(missed)}"))
-    vague = sum(not entry.relative_std_percent <= _VAGUE for entry in estimate.parameters)
-    if vague > _VAGUE_SHARE * len(estimate.parameters):
-        whole = len(estimate.parameters)
+    vague = sum(not entry.relative_std_percent <= _VAGUE for entry in parameters)
+    if vague > _VAGUE_SHARE * len(parameters):
+        whole = len(parameters)
         caps.append(("fair", f"{vague} of {whole} parameters are uncertain by more than {_VAGUE:g} %"))
-    if estimate.refused:
+    if refused:
         caps.append(("fair", "some parameters are not known from these logs"))
-    if not estimate.condition <= _CONDITION:
-        caps.append(("fair", "the motion hardly tells some parameters apart"))
     return caps
 
 

@@ -3,15 +3,16 @@
 Input: robot, library with values, trajectory, options, a random generator.
 Output: `SimulationRun`: the recording, and the truth behind it.
 
-    tau = Kp (q_d - q_m) + Kd (dq_d - dq_f)    each period, held until the next
+    tau = g(q_d(0)) + Kp (q_d - q_m) + Kd (dq_d - dq_f)    each period, held until the next
 
-with q_m from the encoder and dq_f its low-passed difference. The logged torque at a sample is
+with q_m from the encoder and dq_f its low-passed difference. The weight at the first pose is carried from the
+first tick on, so that no run begins with a fall. The logged torque at a sample is
 that of a sensor that averages over the period around it: the mean of the torques before and
 after the tick, so that it belongs to the same instant as the position.
 
 Supported: joint PD, torque limits of the robot file. A run whose energy balance does not close, or that
 leaves ten times the position limits, is an error and never a log.
-Not supported: feed-forward, motor-side logs, elastic joints.
+Not supported: further feed-forward, motor-side logs, elastic joints (see `elastic_experiment`).
 """
 
 from dataclasses import dataclass, field
@@ -24,21 +25,22 @@ from symid.data.recording import Recording
 from symid.errors import Notice, SolverError, UsageError
 from symid.excitation.trajectories import Trajectory
 from symid.robot.description import Robot
+from symid.simulation.guards import (
+    Timing,
+    check_balance,
+    check_timing,
+    describe_massless,
+    describe_runaway,
+    find_limits,
+    find_reach,
+    find_saturation,
+)
 from symid.simulation.plant import Plant, PlantState, start_state
 from symid.simulation.sensors import SensorOptions, Sensors, add_torque_noise, build_sensors, quantise
 
 __all__ = ["ExperimentOptions", "SimulationRun", "simulate_experiment"]
 
-_RUNAWAY = 1e4
-"""Positions in rad or m beyond this are no motion of a robot."""
-_FAR = 10.0
-"""Nor are positions beyond so many times the limits of the joint."""
-_LARGEST_GAP = 1e-6
-"""Of work, change of energy and dissipation, relative to the largest of them."""
 _GAIN_SAMPLES = 50
-_REMEDY = (
-    "give links with mass an inertia, or lower the bandwidth or the gains, or shorten the control period"
-)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,10 +99,11 @@ class SimulationRun:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Control:
-    """Gains (n,), pole of the velocity filter, torque limits (n,), positions that count as run away (n,)."""
+    """Gains (n,), weight carried (n,), pole of the velocity filter, limits (n,), positions run away (n,)."""
 
     stiffness: FloatArray
     damping: FloatArray
+    weight: FloatArray
     blend: float
     limit: FloatArray
     reach: FloatArray
@@ -119,19 +122,20 @@ def simulate_experiment(
         UsageError: sizes that do not fit, a value that the robot file does not state, options out of range.
         SolverError: the controlled robot is unstable or too light, or chatters without end.
     """
-    _check_sizes(robot, library, trajectory, options)
+    timing = _find_timing(trajectory, options)
+    _refuse_elastic(robot)
+    check_timing(robot, library, trajectory, timing)
     plant = Plant(library)
     sensors = build_sensors(robot, options.sensors)
-    duration = trajectory.duration if options.duration is None else options.duration
-    times = freeze(np.arange(round(duration / options.period) + 1) * options.period)
+    times = freeze(np.arange(round(timing.duration / options.period) + 1) * options.period)
     desired, speeds, _ = trajectory.evaluate(times)
     control = _build_control(robot, library, plant, desired, options)
-    states, torque = _run(plant, sensors, control, (desired, speeds), options)
+    states, torque = _run(plant, sensors, control, (desired, speeds), timing)
     q, dq = np.array([state.q for state in states]), np.array([state.dq for state in states])
     kinetic, potential = library.evaluate("energy", q, dq, plant.beta)
     work = np.array([state.work for state in states])
     dissipation = np.array([state.dissipation for state in states])
-    _check_energy(kinetic.reshape(-1), potential.reshape(-1), work, dissipation)
+    check_balance(kinetic.reshape(-1), potential.reshape(-1), work, dissipation)
     # The mean of the torques before and after each tick; nothing was held before the first.
     logged = torque.copy()
     logged[1:] = 0.5 * (torque[1:] + torque[:-1])
@@ -141,7 +145,7 @@ def simulate_experiment(
             position=quantise(q, sensors.step),
             torque=add_torque_noise(logged, sensors, rng),
             source=f"simulated: {robot.name}, {trajectory.source}",
-            notices=_say_saturation(robot, torque, control),
+            notices=find_saturation(robot, torque, control.limit),
         ),
         q=q,
         dq=dq,
@@ -160,7 +164,7 @@ def _run(
     sensors: Sensors,
     control: _Control,
     reference: tuple[FloatArray, FloatArray],
-    options: ExperimentOptions,
+    timing: Timing,
 ) -> tuple[list[PlantState], FloatArray]:
     """Return the states at every tick and the torques held from it (the last one repeats)."""
     desired, speeds = reference
@@ -170,14 +174,14 @@ def _run(
     velocity = np.zeros(plant.size)
     for k in range(len(desired) - 1):
         before, measured = measured, quantise(state.q, sensors.step)
-        velocity = velocity + control.blend * ((measured - before) / options.period - velocity)
+        velocity = velocity + control.blend * ((measured - before) / timing.period - velocity)
         error, slip = desired[k] - measured, speeds[k] - velocity
-        demand = control.stiffness * error + control.damping * slip
+        demand = control.weight + control.stiffness * error + control.damping * slip
         torque[k] = np.minimum(np.maximum(demand, -control.limit), control.limit)
-        state = plant.advance(state, torque[k], options.period, options.substeps)
+        state = plant.advance(state, torque[k], timing.period, timing.substeps)
         states.append(state)
         if not (np.all(np.abs(state.q) < control.reach) and np.all(np.isfinite(state.dq))):
-            raise SolverError(_describe_runaway(k, options))
+            raise SolverError(describe_runaway(k, timing))
     torque[-1] = torque[-2]
     return states, torque
 
@@ -195,99 +199,36 @@ def _build_control(
     try:
         inertia = np.mean(1.0 / np.diagonal(np.linalg.inv(mass), axis1=1, axis2=2), axis=0)
     except np.linalg.LinAlgError as error:
-        raise SolverError(_describe_massless(robot)) from error
+        raise SolverError(describe_massless(robot)) from error
     if not (np.all(np.isfinite(inertia)) and np.all(inertia > 0.0)):
-        raise SolverError(_describe_massless(robot))
+        raise SolverError(describe_massless(robot))
     pole = 2.0 * np.pi * options.bandwidth
-    limits = [joint.limits.torque for joint in robot.axes]
     return _Control(
         stiffness=np.array(options.stiffness) if options.stiffness else pole**2 * inertia,
         damping=np.array(options.damping) if options.damping else 2.0 * pole * inertia,
         blend=1.0 - float(np.exp(-2.0 * np.pi * options.velocity_filter * options.period)),
-        limit=np.array([np.inf if limit is None else limit for limit in limits]),
-        reach=_find_reach(robot, desired),
+        weight=plant.find_weight(desired[0]),
+        limit=find_limits(robot),
+        reach=find_reach(robot, desired),
     )
 
 
-def _find_reach(robot: Robot, desired: FloatArray) -> FloatArray:
-    """Return the positions (n,) that no joint reaches unless it ran away."""
-    bounds = [joint.limits.position for joint in robot.axes]
-    reach = np.array([_FAR * max(map(abs, bound)) if bound else _RUNAWAY for bound in bounds])
-    furthest: FloatArray = np.maximum(reach, 2.0 * np.abs(desired).max(axis=0))
-    return furthest
+def _find_timing(trajectory: Trajectory, options: ExperimentOptions) -> Timing:
+    return Timing(
+        duration=trajectory.duration if options.duration is None else options.duration,
+        period=options.period,
+        substeps=options.substeps,
+        bandwidth=options.bandwidth,
+        stiffness=options.stiffness,
+        damping=options.damping,
+    )
 
 
-def _check_energy(
-    kinetic: FloatArray, potential: FloatArray, work: FloatArray, dissipation: FloatArray
-) -> None:
-    """Refuse a run that is not finite, or whose energy balance does not close.
-
-    Raises:
-        SolverError: the text says by how much, and what helps.
-    """
-    energy = kinetic + potential
-    change = energy - energy[0]
-    gap = float(np.abs(work - change - dissipation).max())
-    largest = max(float(np.abs(part).max()) for part in (work, kinetic, change, dissipation))
-    # What is lost in rounding of the potential is no gap.
-    scale = largest + 1e-6 * float(np.abs(potential).max())
-    if not np.isfinite(gap + scale):
-        text = f"the simulated run holds values that are not finite; {_REMEDY}"
-        raise SolverError(Notice(code="simulate.not-finite", text=text))
-    if gap > _LARGEST_GAP * scale:
+def _refuse_elastic(robot: Robot) -> None:
+    names = [joint.name for joint, gives in zip(robot.axes, robot.elastic, strict=True) if gives]
+    if names:
         text = (
-            f"work, energy and dissipation of the run disagree by {gap / scale:.2g} of the largest, "
-            f"{_LARGEST_GAP:g} at most are accepted: the motion is too fast for the steps; {_REMEDY}"
+            f"robot {robot.name!r} gives between motor and link ({', '.join(names)}); "
+            "simulate it as an elastic robot"
         )
-        raise SolverError(Notice(code="simulate.energy", text=text))
-
-
-def _check_sizes(robot: Robot, library: Library, trajectory: Trajectory, options: ExperimentOptions) -> None:
-    size = robot.freedom
-    problems = []
-    if trajectory.size != size or library.card.size != size:
-        problems.append(
-            f"the robot has {size} joints, the trajectory {trajectory.size}, the library {library.card.size}"
-        )
-    for name in ("stiffness", "damping"):
-        gains: tuple[float, ...] | None = getattr(options, name)
-        if gains is not None and len(gains) != size:
-            problems.append(f"{name}: {len(gains)} numbers for {size} joints")
-    duration = trajectory.duration if options.duration is None else options.duration
-    finite = np.isfinite(duration) and np.isfinite(options.period)
-    if not (finite and options.period > 0.0 and options.substeps >= 1 and duration >= 2.0 * options.period):
-        problems.append(
-            f"duration {duration:g} s, period {options.period:g} s, substeps {options.substeps}: "
-            "the period must be positive, with one substep and two periods at least"
-        )
-    if problems:
-        raise UsageError(*(Notice(code="usage.experiment", text=text) for text in problems))
-
-
-def _say_saturation(robot: Robot, torque: FloatArray, control: _Control) -> tuple[Notice, ...]:
-    share = np.mean(np.abs(torque) >= control.limit, axis=0)
-    return tuple(
-        Notice(
-            code="simulate.saturation",
-            text=f"joint {joint.name!r} was at its torque limit during {100 * part:.1f} % of the run",
-        )
-        for joint, part in zip(robot.axes, share.tolist(), strict=True)
-        if part
-    )
-
-
-def _describe_massless(robot: Robot) -> Notice:
-    text = (
-        f"robot {robot.name!r} cannot be simulated: its mass matrix is singular, so a joint moves without "
-        "inertia; give every moved link a mass with an inertia, or its drive a rotor_inertia"
-    )
-    return Notice(code="simulate.massless", text=text)
-
-
-def _describe_runaway(tick: int, options: ExperimentOptions) -> Notice:
-    text = (
-        f"the controlled robot ran away at t = {tick * options.period:g} s: lower the bandwidth "
-        f"({options.bandwidth:g} Hz) or the gains, shorten the control period ({options.period:g} s), "
-        "or give links with mass an inertia"
-    )
-    return Notice(code="simulate.unstable", text=text)
+        raise UsageError(Notice(code="usage.elastic-robot", text=text))

@@ -102,6 +102,10 @@ class Plant:
                     raise SolverError(_describe_chatter(state, duration))
         return state
 
+    def find_weight(self, q: FloatArray) -> FloatArray:
+        """Return the torque (n,) in N m or N that holds the robot at rest at `q` (n,)."""
+        return self._bias(np.asarray(q, dtype=np.float64), np.zeros(self.size), self.beta)[0].copy()
+
     def _step(self, state: PlantState, torque: FloatArray, h: float) -> PlantState:
         """Return the state after one Runge-Kutta step with the modes held."""
         rows = np.array(state.modes)

@@ -10,6 +10,8 @@ Supported: methods that give no hysteresis: there is no error then.
 Not supported: truths that the robot file does not state.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from symid.arrays import FloatArray
@@ -17,9 +19,10 @@ from symid.codegen.functions import ModelCard
 from symid.elastic.fit import ElasticFit
 from symid.errors import Notice, UsageError
 from symid.joint.plays import find_hysteresis_torque
+from symid.robot.elasticity import Elasticity
 from symid.simulation.elastic_run import ElasticRun
 
-__all__ = ["find_hysteresis_errors", "find_parameter_error", "find_truth"]
+__all__ = ["find_excited_errors", "find_hysteresis_errors", "find_parameter_error", "find_truth"]
 
 
 def find_truth(card: ModelCard) -> FloatArray:
@@ -44,12 +47,31 @@ def find_parameter_error(fit: ElasticFit, truth: FloatArray) -> float:
 
 def find_hysteresis_errors(fit: ElasticFit, held_out: ElasticRun) -> FloatArray:
     """Return the hysteresis error of each joint in percent (n,), nan where the method gives no spring."""
-    joints = held_out.q.shape[1]
+    return _compare(fit, held_out.phi, held_out.joint_torque)
+
+
+def find_excited_errors(
+    fit: ElasticFit, truth: Sequence[Elasticity], held_out: ElasticRun, reach: FloatArray
+) -> FloatArray:
+    """Return the same on the held-out torsion scaled down into what the logs excited: (n,) percent.
+
+    A spring cannot be known beyond the torsion that was seen; this is how well it is known within.
+
+    Args:
+        fit: what a method found.
+        truth: the true springs, one a joint.
+        held_out: whose torsion is scaled.
+        reach: (n,) largest torsion of the logs, rad or m.
+    """
+    phi = held_out.phi * np.minimum(1.0, reach / np.abs(held_out.phi).max(axis=0))
+    columns = [find_hysteresis_torque(spring, phi[:, joint]) for joint, spring in enumerate(truth)]
+    return _compare(fit, phi, np.column_stack(columns))
+
+
+def _compare(fit: ElasticFit, phi: FloatArray, torque: FloatArray) -> FloatArray:
     if not fit.elasticity:
-        return np.full(joints, np.nan)
-    errors = np.empty(joints)
-    for joint, spring in enumerate(fit.elasticity):
-        true = held_out.joint_torque[:, joint]
-        found = find_hysteresis_torque(spring, held_out.phi[:, joint])
-        errors[joint] = 100.0 * np.linalg.norm(found - true) / np.linalg.norm(true)
+        return np.full(phi.shape[1], np.nan)
+    found = [find_hysteresis_torque(spring, phi[:, joint]) for joint, spring in enumerate(fit.elasticity)]
+    left = np.linalg.norm(np.column_stack(found) - torque, axis=0)
+    errors: FloatArray = 100.0 * left / np.linalg.norm(torque, axis=0)
     return errors

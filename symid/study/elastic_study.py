@@ -2,85 +2,30 @@
 
 Input: a robot file, datasets, seeds. Output: `ElasticStudy`: errors of every method on every dataset.
 
-Every task is one dataset with the noise of one seed; all methods see the same recordings. Simulations are
-made once in every process. Without noise one seed is enough.
+All methods see the same recordings (`elastic_task`). Simulations are made once in every process. Without
+noise one seed is enough.
 
 Supported: robots with two joints whose file states the truth.
-Not supported: methods that see other recordings than the rest.
+Not supported: seeds that stop and go on another day.
 """
 
 import math
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
-from symid.arrays import FloatArray
-from symid.codegen.cache import prepare_library
-from symid.codegen.library import Library
-from symid.elastic.choice import choose_candidate
 from symid.elastic.covariance import find_bound
-from symid.elastic.fit import ElasticFit
-from symid.elastic.independent import fit_independent
-from symid.elastic.methods import ElasticWork, build_work, find_candidate, fit_method
-from symid.elastic.options import ElasticOptions
 from symid.elastic.signals import ElasticSignals
-from symid.formats.toml import read_robot
-from symid.simulation.elastic_run import ElasticRun
-from symid.study.elastic_errors import find_hysteresis_errors, find_parameter_error, find_truth
-from symid.study.elastic_runs import DATASETS, Condition, Dataset, observe_runs, simulate_runs
+from symid.study.elastic_runs import DATASETS, Condition, Dataset
+from symid.study.elastic_task import STUDY_METHODS, MethodRun, StudyTask, World, prepare_world, run_task
 from symid.study.executor import run_tasks
 from symid.study.spread import Spread, find_spread
 
-__all__ = [
-    "AUTOMATIC",
-    "STUDY_METHODS",
-    "Cell",
-    "ElasticStudy",
-    "MethodRun",
-    "StudyTask",
-    "run_task",
-    "study_elastic",
-]
+__all__ = ["Cell", "DatasetStudy", "ElasticStudy", "study_elastic"]
 
-AUTOMATIC = "automatic"
-_ENCODER = "independent, link encoder"
-_RIVALS = ("independent", _ENCODER)
-STUDY_METHODS = ("linear-spring", "two-step", "elimination", "weighted", "nlp", *_RIVALS)
 _TORQUE_NOISE = 0.02
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StudyTask:
-    """One dataset with the noise of one seed."""
-
-    robot: Path
-    dataset: Dataset
-    condition: Condition
-    seed: int
-    methods: tuple[str, ...] = STUDY_METHODS
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MethodRun:
-    """What one method made of one task.
-
-    Args:
-        method: its name; `chosen` the method that the automatic choice took.
-        parameter_error, hysteresis_error: percent, the latter of the worse joint; nan where there is none.
-        outcome: how it ended; iterations: how many it took; seconds: of processor time.
-    """
-
-    method: str
-    parameter_error: float
-    hysteresis_error: float
-    outcome: str
-    iterations: int
-    seconds: float
-    chosen: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,6 +38,7 @@ class Cell:
     method: str
     parameter: Spread
     hysteresis: Spread
+    excited: Spread
     seconds: float
     iterations: int
     outcomes: tuple[tuple[str, int], ...]
@@ -120,67 +66,6 @@ class ElasticStudy:
 
     robot: str
     studies: tuple[DatasetStudy, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _World:
-    """What all tasks of a process share."""
-
-    library: Library
-    truth: FloatArray
-    runs: Mapping[str, ElasticRun]
-
-
-@lru_cache(maxsize=4)
-def _prepare_world(path: Path, condition: Condition) -> _World:
-    robot = read_robot(path)
-    library = prepare_library(robot)
-    runs = simulate_runs(robot, library, condition)
-    return _World(library=library, truth=find_truth(library.card), runs=runs)
-
-
-def run_task(task: StudyTask) -> tuple[MethodRun, ...]:
-    """Return what every method, and the automatic choice among them, made of one task."""
-    world = _prepare_world(task.robot, task.condition)
-    recordings = observe_runs(world.runs, task.dataset.runs, task.condition, task.seed)
-    begin = time.process_time()
-    work = build_work(world.library, recordings, ElasticOptions())
-    shared = time.process_time() - begin
-    fits: dict[str, ElasticFit] = {}
-    runs = []
-    for method in task.methods:
-        begin = time.process_time()
-        fits[method] = _fit(work, method)
-        seconds = shared + time.process_time() - begin
-        runs.append(_judge(world, method, fits[method], seconds))
-    begin = time.process_time()
-    candidates = [find_candidate(work, fit) for name, fit in fits.items() if name not in _RIVALS]
-    if candidates:
-        best, _ = choose_candidate(candidates, work.rows, work.band.scatter)
-        seconds = sum(run.seconds for run in runs if run.method not in _RIVALS)
-        seconds += time.process_time() - begin - shared * (len(candidates) - 1)
-        runs.append(_judge(world, AUTOMATIC, fits[best], seconds, chosen=best))
-    return tuple(runs)
-
-
-def _fit(work: ElasticWork, method: str) -> ElasticFit:
-    if method == _ENCODER:
-        return fit_independent(work.problem, encoder=True)
-    return fit_method(work, method)
-
-
-def _judge(world: _World, method: str, fit: ElasticFit, seconds: float, chosen: str = "") -> MethodRun:
-    hysteresis = find_hysteresis_errors(fit, world.runs["TC"])
-    usable = fit.outcome.usable
-    return MethodRun(
-        method=method,
-        parameter_error=find_parameter_error(fit, world.truth) if usable else math.nan,
-        hysteresis_error=float(np.max(hysteresis)) if usable else math.nan,
-        outcome=fit.outcome.name.lower(),
-        iterations=max(0, len(fit.history)),
-        seconds=seconds,
-        chosen=chosen,
-    )
 
 
 def study_elastic(
@@ -212,7 +97,7 @@ def study_elastic(
         for seed in (seeds if condition is Condition.NOISY else seeds[:1])
     ]
     # Made before the processes start, so that they do not all compile it.
-    world = _prepare_world(robot, Condition.NOISY)
+    world = prepare_world(robot, Condition.NOISY)
     results = run_tasks(run_task, tasks, jobs=jobs, progress=progress)
     found: dict[tuple[str, Condition], list[tuple[MethodRun, ...]]] = {}
     for task, runs in zip(tasks, results, strict=True):
@@ -237,6 +122,7 @@ def _summarise(results: Sequence[tuple[MethodRun, ...]]) -> tuple[Cell, ...]:
             method=runs[0].method,
             parameter=find_spread(np.array([run.parameter_error for run in runs])),
             hysteresis=find_spread(np.array([run.hysteresis_error for run in runs])),
+            excited=find_spread(np.array([run.excited_error for run in runs])),
             seconds=float(np.median([run.seconds for run in runs])),
             iterations=max(run.iterations for run in runs),
             outcomes=_count([run.outcome for run in runs]),
@@ -250,7 +136,7 @@ def _count(words: Sequence[str]) -> tuple[tuple[str, int], ...]:
     return tuple((word, words.count(word)) for word in sorted(set(words)))
 
 
-def _find_bound(world: _World, dataset: Dataset) -> float:
+def _find_bound(world: World, dataset: Dataset) -> float:
     """Return the largest relative standard deviation at the bound, percent."""
     signals, noise = [], []
     for name in dataset.runs:

@@ -12,8 +12,10 @@ from symid.excitation.trajectories import (
     FourierOptions,
     build_fourier,
     build_random_fourier,
+    build_scaled,
     build_ta,
     build_tb,
+    build_tc,
 )
 from symid.robot.description import Joint, JointKind, Limits, Robot
 from symid.robot.geometry import IDENTITY
@@ -158,3 +160,60 @@ def test_the_same_generator_gives_the_same_series():
     first, second = (build_random_fourier(build_robot(), np.random.default_rng(5)) for _ in range(2))
     assert first.amplitude.tobytes() == second.amplitude.tobytes()
     assert replace(first, ramp=0.0).source == second.source
+
+
+@pytest.mark.parametrize("trajectory", [build_ta(), build_tb(1), build_tc(), random_series(3, ramp=0.5)])
+def test_higher_derivatives_are_those_of_the_lower_ones(trajectory):
+    h = 1e-4
+    # Away from the ends of the ramp, where the third derivative jumps.
+    times = np.linspace(0.05, trajectory.duration - 0.05, 311)
+    times = times[np.abs(times - trajectory.ramp) > 2 * h]
+    ahead, behind = (trajectory.evaluate_derivatives(times + sign * h, 5) for sign in (1, -1))
+    found = trajectory.evaluate_derivatives(times, 6)
+    assert len(found) == 7
+    for order in range(1, 7):
+        slope = (ahead[order - 1] - behind[order - 1]) / (2 * h)
+        scale = np.abs(found[order]).max()
+        np.testing.assert_allclose(found[order], slope, atol=2e-6 * scale + 1e-7, err_msg=str(order))
+
+
+def test_the_ramp_begins_and_ends_smoothly_up_to_the_second_derivative():
+    trajectory = build_tc()
+    for edge in (0.0, trajectory.ramp):
+        before, after = (
+            trajectory.evaluate_derivatives(np.array([edge + side * 1e-9]), 3) for side in (-1, 1)
+        )
+        for order in range(3):
+            if edge:
+                np.testing.assert_allclose(before[order], after[order], atol=1e-6)
+    third = trajectory.evaluate_derivatives(np.array([1e-9]), 3)[3]
+    assert np.abs(third).max() > 0.1
+
+
+def test_tc_is_the_sum_that_is_stated():
+    t = np.linspace(2.5, 20.0, 50)
+    (q,) = build_tc(size=3).evaluate_derivatives(t, 0)
+    for joint in range(3):
+        wanted = sum(
+            0.4 * a * np.sin(2.0 * np.pi * f * t + phase + joint)
+            for a, f, phase in ((1.0, 0.15, 0.0), (0.5, 0.45, 1.0), (0.25, 0.9, 2.0))
+        )
+        np.testing.assert_allclose(q[:, joint], wanted, atol=1e-14)
+    assert build_tc().duration == 20.0
+
+
+def test_scaled_trajectories_keep_their_centre():
+    plain = random_series(5)
+    t = np.linspace(0.0, 9.0, 40)
+    scaled = build_scaled(plain, 10.0)
+    gaps = (scaled.evaluate(t)[0] - plain.centre) - 10.0 * (plain.evaluate(t)[0] - plain.centre)
+    np.testing.assert_allclose(gaps, 0.0, atol=1e-12)
+    assert scaled.source == f"{plain.source}, amplitudes times 10"
+    assert build_scaled(plain, 1.0) is plain
+
+
+@pytest.mark.parametrize("scale", [0.0, -1.0, np.nan, np.inf])
+def test_scales_that_cannot_be(scale):
+    with pytest.raises(UsageError, match="scale of a trajectory must be positive") as caught:
+        build_scaled(build_ta(), scale)
+    assert caught.value.notices[0].code == "usage.trajectory-scale"

@@ -9,8 +9,11 @@ from symid import __version__
 from symid.errors import GenerationError, Notice
 from symid.identification.identify import identify_parameters
 from symid.identification.validate import validate_estimate
-from symid.report.figures import Line, build_histogram, build_line_figure, find_ticks, thin_line
+from symid.report.axes import find_ticks
+from symid.report.bars import build_histogram
+from symid.report.figures import build_line_figure
 from symid.report.identification import ReportPage, build_report, write_report
+from symid.report.lines import Line, thin_line
 from symid.report.templates import find_variables, write_page
 from symid.report.verdict import find_verdict
 from symid.robot.log_map import Processing

@@ -6,11 +6,21 @@ from functools import partial
 import numpy as np
 import pytest
 
+from symid.codegen.cache import prepare_library
 from symid.codegen.functions import JointCard, ModelCard, ParameterCard
+from symid.formats.toml import read_robot
 from symid.robot.description import FrictionKind, FrictionValues, Joint, JointKind, Robot
 from symid.robot.geometry import IDENTITY
 
 G = 9.81
+ELASTIC_FUNCTIONS = (
+    "forward_dynamics",
+    "mass_matrix",
+    "gravity",
+    "energy",
+    "friction",
+    "friction_regressor",
+)
 NAMES = {
     "none": (),
     "viscous_coulomb": ("Fv", "Fc"),
@@ -165,3 +175,15 @@ ARM = (1.2, 0.3, 0.35, 3.0, 0.7)
 def arm(make_library):
     """Return the two-link arm with viscous and Coulomb friction."""
     return make_library("arm", ARM, ("viscous_coulomb", "viscous_coulomb_offset"), (0.8, 1.5, 0.4, 0.6, 0.1))
+
+
+@pytest.fixture(scope="session")
+def elastic_robot(robots_folder):
+    """Return the vertical arm with two elastic joints, stops, knees and smoothed dry friction."""
+    return read_robot(robots_folder / "two_link_elastic.toml")
+
+
+@pytest.fixture(scope="session")
+def elastic_library(elastic_robot, c_compiler):
+    """Return its compiled functions."""
+    return prepare_library(elastic_robot, names=ELASTIC_FUNCTIONS)

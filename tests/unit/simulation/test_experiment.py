@@ -75,6 +75,16 @@ def test_torque_limits_hold_and_are_said(make_robot, arm):
     assert "joint1" in run.recording.notices[0].text
 
 
+def test_a_run_begins_without_a_fall(make_robot, arm):
+    # The reference does not move yet, and the weight is carried from the first tick on.
+    run = simulate(make_robot(2), arm, replace(CLEAN, duration=0.2))
+    weight = arm.bias(run.q[0], np.zeros(2), np.array([entry.value for entry in arm.card.beta]))
+    assert np.abs(weight).max() > 20.0
+    np.testing.assert_allclose(run.torque[0], weight, rtol=1e-12)
+    np.testing.assert_allclose(run.recording.torque[0], weight, rtol=1e-12)
+    assert np.abs(run.dq[:20]).max() < 1e-4
+
+
 def test_own_gains_are_used(make_robot, arm):
     stiff = replace(CLEAN, duration=1.0, stiffness=(9000.0, 2000.0), damping=(200.0, 40.0))
     soft = simulate(make_robot(2), arm, replace(CLEAN, duration=1.0, bandwidth=6.0))
@@ -90,7 +100,7 @@ def test_an_unstable_loop_is_an_error_with_a_remedy(make_robot, arm):
 
 def test_leaving_ten_times_the_limits_is_running_away(make_robot, arm):
     robot = make_robot(2, limits=(Limits(position=(-0.5, 0.5)), Limits(position=(-0.5, 0.5))))
-    # Far too weak to carry the arm, which falls and swings through.
+    # Carried where it hangs on, but pushed by its own speed: the arm leaves its pose and swings through.
     weak = replace(CLEAN, duration=4.0, stiffness=(1e-3, 1e-3), damping=(-6.0, -6.0))
     with pytest.raises(SolverError, match="ran away") as caught:
         simulate(robot, arm, weak)

@@ -1,0 +1,302 @@
+"""Delay between the channels of motor and link encoders, and the zero of each run.
+
+Input: recordings of both encoders, and columns that the torsion may follow. Output: `Alignment`; recordings
+with the link channel moved onto the motor's clock and zero.
+
+The link channel holds q(t - delay) - offset, so that theta minus it is
+
+    delay dq + offset + torsion,  torsion = columns @ weights.
+
+Torques of a rigid body are even under reversal of time, dq is odd: the delay is not the torsion's. What is
+odd besides, dry friction and hysteresis, needs columns of its own. The fit is repeated with the channel
+really shifted until the delay no longer changes.
+
+Supported: a delay of any fraction of a sample, of either sign, shared by all joints and runs; an offset for
+each joint and run; standard deviations by leaving out blocks of time (the jackknife), which holds for errors
+that are correlated within a block; joints without a link encoder.
+Not supported: delays that change, or differ from joint to joint.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symid.arrays import FloatArray, freeze
+from symid.data.encoders import Encoders, find_encoders, shift_channel, split_blocks
+from symid.data.filters import differentiate, low_pass
+from symid.data.recording import Recording
+from symid.data.signals import describe_uneven
+from symid.errors import LogError, Notice
+
+__all__ = ["Alignment", "align", "find_alignment", "keep_significant"]
+
+_CUTOFF = 25.0
+"""Hz; above what robots move at."""
+_LEAST_RATIO = 10.0
+_ORDER = 4
+_EDGE = 0.5
+"""Seconds at each end that a filtered signal is not trusted for."""
+_BLOCK = 1.0
+"""Seconds of a block: longer than the residual remembers."""
+_ROUNDS = 12
+_SETTLED = 1e-4
+"""Of a sample period: a shift this small ends the search."""
+_LARGEST = 0.1
+"""Seconds; a larger delay is no delay between channels of one controller."""
+_SURE = 5.0
+"""Standard deviations from which on a delay or an offset counts as there."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Alignment:
+    """What moves the link channel onto the motor's clock and zero.
+
+    Args:
+        delay: s by which the link channel lags; `delay_std` its standard deviation.
+        delays, delay_stds: (n,) of each joint alone; NaN where there is no link encoder.
+        offsets, offset_stds: (runs, n) rad or m to be added to the link channel; NaN likewise.
+        explained: (n,) part of the variance of theta - q, offsets apart, that the delay alone explains.
+        residual: (n,) root mean square of what delay, offsets and columns leave, rad or m.
+        present: (n,) joints with a link encoder.
+        sources: the recordings, in the order of the runs.
+    """
+
+    delay: float
+    delay_std: float
+    delays: FloatArray
+    delay_stds: FloatArray
+    offsets: FloatArray
+    offset_stds: FloatArray
+    explained: FloatArray
+    residual: FloatArray
+    present: NDArray[np.bool_]
+    sources: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        """Copy the arrays and make them read-only."""
+        for name in ("delays", "delay_stds", "offsets", "offset_stds", "explained", "residual"):
+            object.__setattr__(self, name, freeze(getattr(self, name)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Fit:
+    """Delay and offsets (1 + runs,) of one joint, their deviations, and the delay without each block."""
+
+    values: FloatArray
+    stds: FloatArray
+    replicates: FloatArray
+    explained: float
+    residual: float
+
+
+def find_alignment(
+    recordings: Sequence[Recording], columns: Sequence[FloatArray], *, block: float = _BLOCK
+) -> Alignment:
+    """Return delay and offsets.
+
+    Args:
+        recordings: of one robot, evenly sampled, at one rate.
+        columns: for each recording (N, n, k), what the torsion of each joint may follow: its joint torque,
+            the plays of it, the direction of motion; not multiples of its velocity.
+        block: length of the blocks of the jackknife in s.
+
+    Raises:
+        LogError: a recording lacks an encoder, is uneven or too short; no joint has a link encoder or moves.
+    """
+    pairs = [find_encoders(recording) for recording in recordings]
+    present = np.logical_and.reduce([pair.present for pair in pairs])
+    _check(recordings, present)
+    first = fits = _fit_joints(recordings, pairs, columns, 0.0, block)
+    delay = step = _average_delay(first)
+    for _ in range(_ROUNDS):
+        if abs(step) < _SETTLED * recordings[0].period:
+            break
+        fits = _fit_joints(recordings, pairs, columns, delay, block)
+        step = _average_delay(fits)
+        delay = float(np.clip(delay + step, -_LARGEST, _LARGEST))
+    sources = tuple(recording.source for recording in recordings)
+    return _assemble(fits, delay - step, first, present, sources)
+
+
+def _check(recordings: Sequence[Recording], present: NDArray[np.bool_]) -> None:
+    uneven = (describe_uneven(recording.time, file=recording.source) for recording in recordings)
+    mistakes = [notice for notice in uneven if notice is not None]
+    least = 2.0 * _EDGE + 4.0 * _BLOCK
+    for recording in recordings:
+        span = recording.time[-1] - recording.time[0]
+        if span < least:
+            text = f"{span:.3g} s are too short to find a delay: {least:g} s are needed"
+            mistakes.append(Notice(code="log.short-alignment", text=text, file=recording.source))
+    if not present.any():
+        text = "no joint has both encoders in all logs and moves: neither delay nor torsion can be told"
+        mistakes.append(Notice(code="log.no-link-encoder", text=text, file=recordings[0].source))
+    if mistakes:
+        raise LogError(*mistakes)
+
+
+def _fit_joints(
+    recordings: Sequence[Recording],
+    pairs: Sequence[Encoders],
+    columns: Sequence[FloatArray],
+    delay: float,
+    block: float,
+) -> dict[int, _Fit]:
+    """Return the fit of every joint with a link encoder, the channel shifted by `delay` before."""
+    present = np.logical_and.reduce([pair.present for pair in pairs])
+    parts: dict[int, list[FloatArray]] = {int(joint): [] for joint in np.flatnonzero(present)}
+    for run, (recording, pair) in enumerate(zip(recordings, pairs, strict=True)):
+        period = recording.period
+        cutoff = min(_CUTOFF, 1.0 / (_LEAST_RATIO * period))
+        shifted = shift_channel(recording.time, pair.q, delay)
+        theta, q = (
+            low_pass(values, period=period, cutoff=cutoff, order=_ORDER) for values in (pair.theta, shifted)
+        )
+        speed, gap = differentiate(theta, period), theta - q
+        zero = np.zeros((len(gap), len(recordings)))
+        zero[:, run] = 1.0
+        for joint, found in parts.items():
+            design = np.column_stack([speed[:, joint], zero, columns[run][:, joint], gap[:, joint]])
+            found += [design[rows] for rows in split_blocks(len(gap), period, _EDGE + abs(delay), block)]
+    return {joint: _fit_blocks(found, len(recordings)) for joint, found in parts.items()}
+
+
+def _fit_blocks(blocks: list[FloatArray], runs: int) -> _Fit:
+    """Return delay and offsets by least squares over all blocks, and their scatter without each block."""
+    grams = np.array([part.T @ part for part in blocks])
+    whole = grams.sum(axis=0)
+    values = _solve(whole)
+    replicates = np.array([_solve(whole - gram)[: runs + 1] for gram in grams])
+    head = [*range(runs + 1), -1]
+    offsets = _left_over(whole[np.ix_(head[1:], head[1:])])
+    delayed = _left_over(whole[np.ix_(head, head)])
+    samples = sum(map(len, blocks))
+    return _Fit(
+        values=values[: runs + 1],
+        stds=_find_deviation(replicates),
+        replicates=replicates[:, 0],
+        explained=1.0 - delayed / max(offsets, 1e-300),
+        residual=float(np.sqrt(max(_left_over(whole), 0.0) / samples)),
+    )
+
+
+def _solve(gram: FloatArray) -> FloatArray:
+    """Return the least-squares solution of [A | y] from its Gram matrix, of least norm in scaled columns."""
+    inner, right = gram[:-1, :-1], gram[:-1, -1]
+    lengths = np.sqrt(np.diag(inner))
+    scales = np.where(lengths > 0.0, lengths, 1.0)
+    scaled = np.linalg.lstsq(inner / np.outer(scales, scales), right / scales, rcond=1e-12)[0]
+    values: FloatArray = scaled / scales
+    return values
+
+
+def _left_over(gram: FloatArray) -> float:
+    """Return |y - A x|^2 of the least-squares solution, from the Gram matrix of [A | y]."""
+    left = np.append(_solve(gram), -1.0)
+    return float(left @ gram @ left)
+
+
+def _find_deviation(replicates: FloatArray) -> FloatArray:
+    """Return the standard deviations that values without each of n blocks (n, ...) stand for."""
+    n = len(replicates)
+    spread = replicates - replicates.mean(axis=0)
+    stds: FloatArray = np.sqrt((n - 1) / n * np.sum(spread**2, axis=0))
+    return stds
+
+
+def _find_weights(fits: dict[int, _Fit]) -> FloatArray:
+    variances = np.array([max(float(fit.stds[0]), 1e-12) ** 2 for fit in fits.values()])
+    weights: FloatArray = (1.0 / variances) / np.sum(1.0 / variances)
+    return weights
+
+
+def _average_delay(fits: dict[int, _Fit]) -> float:
+    return float(_find_weights(fits) @ [fit.values[0] for fit in fits.values()])
+
+
+def _assemble(
+    fits: dict[int, _Fit],
+    before: float,
+    first: dict[int, _Fit],
+    present: NDArray[np.bool_],
+    sources: tuple[str, ...],
+) -> Alignment:
+    """Return the product; `before` is the shift that the last fits were made with."""
+    joints = list(fits)
+    delays, stds, explained, residual = (np.full(len(present), np.nan) for _ in range(4))
+    offsets, offset_stds = (np.full((len(sources), len(present)), np.nan) for _ in range(2))
+    delay = before + _average_delay(fits)
+    for joint, fit in fits.items():
+        delays[joint], stds[joint] = before + fit.values[0], fit.stds[0]
+        offsets[:, joint], offset_stds[:, joint] = fit.values[1:], fit.stds[1:]
+        explained[joint], residual[joint] = first[joint].explained, fit.residual
+    replicates = np.stack([fit.replicates for fit in fits.values()], axis=1) @ _find_weights(fits)
+    # Joints that disagree by more than their own deviations say that these are too small (Birge 1932).
+    excess = float(np.sum(((delays - delay) / np.maximum(stds, 1e-12))[joints] ** 2))
+    return Alignment(
+        delay=delay,
+        delay_std=float(_find_deviation(replicates)) * max(1.0, excess / max(1, len(joints) - 1)) ** 0.5,
+        delays=delays,
+        delay_stds=stds,
+        offsets=offsets,
+        offset_stds=offset_stds,
+        explained=explained,
+        residual=residual,
+        present=present,
+        sources=sources,
+    )
+
+
+def keep_significant(alignment: Alignment) -> Alignment | None:
+    """Return the alignment with what may as well be zero put to zero; None if nothing is left.
+
+    A delay or offset counts from five standard deviations on: moving a channel by what it does not lag would
+    spoil a good recording.
+    """
+    delay = alignment.delay if abs(alignment.delay) > _SURE * alignment.delay_std else 0.0
+    sure = np.abs(alignment.offsets) > _SURE * alignment.offset_stds
+    offsets = np.where(np.isnan(alignment.offsets), np.nan, np.where(sure, alignment.offsets, 0.0))
+    if delay == 0.0 and not sure.any():
+        return None
+    return replace(alignment, delay=delay, offsets=offsets)
+
+
+def align(recording: Recording, alignment: Alignment, *, run: int) -> Recording:
+    """Return the recording with its link channel on the motor's clock and zero, and a notice that says so.
+
+    The channel is shifted by `delay` and gets the offset of run `run`; samples that it does not reach are cut
+    off. Joints without a link encoder stay as they are.
+    """
+    pair, delay = find_encoders(recording), alignment.delay
+    offsets = np.where(alignment.present, alignment.offsets[run], 0.0)
+    moved = np.where(alignment.present, shift_channel(recording.time, pair.q, delay) + offsets, pair.q)
+    lost = int(np.ceil(abs(delay) / recording.period - 1e-9))
+    kept = slice(0, len(recording.time) - lost) if delay >= 0.0 else slice(lost, None)
+    velocity = recording.velocity
+    if velocity is not None and recording.motor_position is not None:
+        velocity = shift_channel(recording.time, velocity, delay)
+    on_link = recording.motor_position is not None
+    return replace(
+        recording,
+        time=recording.time[kept],
+        position=moved[kept] if on_link else recording.position[kept],
+        torque=recording.torque[kept],
+        velocity=None if velocity is None else velocity[kept],
+        motor_position=pair.theta[kept] if on_link else None,
+        link_position=None if on_link else moved[kept],
+        extras={
+            name: values[kept] if len(values) == len(recording.time) else values
+            for name, values in recording.extras.items()
+        },
+        notices=(*recording.notices, _say_moved(recording, alignment, offsets, lost)),
+    )
+
+
+def _say_moved(recording: Recording, alignment: Alignment, offsets: FloatArray, lost: int) -> Notice:
+    text = (
+        f"the link encoders were moved by {1e3 * alignment.delay:.4g} ms (standard deviation "
+        f"{1e3 * alignment.delay_std:.2g} ms) onto the clock of the motor encoders, and by zero offsets of "
+        f"up to {float(np.max(np.abs(offsets))):.3g}; {lost} samples at the end were cut off"
+    )
+    return Notice(code="log.aligned", text=text, file=recording.source)

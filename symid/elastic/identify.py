@@ -1,0 +1,187 @@
+"""Identification of elastic joints: recordings of both encoders to dynamics, friction and hysteresis.
+
+Library, recordings, ElasticOptions -> ElasticEstimate.
+
+    Recording -> signals -> rows -> methods -> choice -> estimate
+
+Supported: several recordings; one method, or an automatic choice among those that take moments.
+Not supported: delays between channels and offsets of encoders (align the recordings first); one encoder only.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from symid.arrays import FloatArray
+from symid.codegen.functions import ParameterCard
+from symid.codegen.library import Library
+from symid.data.recording import Recording
+from symid.elastic.choice import Score, choose_candidate
+from symid.elastic.doubts import check_recordings, warn_of_fit
+from symid.elastic.estimate import ElasticEstimate, MethodTrial
+from symid.elastic.fit import ElasticFit
+from symid.elastic.methods import ElasticWork, build_work, find_candidate, find_linear_rows, fit_method
+from symid.elastic.options import ElasticOptions
+from symid.elastic.residuals import find_energy_residual, find_torque_residuals, list_springs
+from symid.identification.estimate import ParameterEstimate
+from symid.identification.identifiability import RankRule, find_spectrum
+
+__all__ = ["CANDIDATES", "identify_elastic"]
+
+CANDIDATES = ("linear-spring", "two-step", "elimination", "weighted")
+"""What the automatic choice compares; the one-shot problem takes longer, and is asked for by name."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Choice:
+    """The fit taken, all that were made, their scores, and why."""
+
+    fit: ElasticFit
+    fits: tuple[ElasticFit, ...]
+    scores: tuple[Score, ...]
+    reason: str
+
+
+def identify_elastic(
+    library: Library,
+    recordings: Sequence[Recording],
+    options: ElasticOptions | None = None,
+    *,
+    echo: Mapping[str, object] | None = None,
+) -> ElasticEstimate:
+    """Return dynamics, friction and springs that explain the recordings best.
+
+    Args:
+        library: the functions of an elastic robot.
+        recordings: at least one, each with the positions of motors and links.
+        options: method, grids, filters; None for the defaults.
+        echo: further settings to keep with the result.
+
+    Raises:
+        UsageError: the robot is not elastic, no recording is given, or windows or thresholds do not fit.
+        LogError: a recording lacks an encoder, has another number of joints, is too short or uneven.
+        IdentifiabilityError: nothing moves, or all torsions drown in the encoders' noise.
+    """
+    options = options or ElasticOptions()
+    hidden = check_recordings(library.card, recordings)
+    work = build_work(library, tuple(recordings), options)
+    choice = _choose(work, options)
+    fit = choice.fit
+    rows = find_linear_rows(work, fit)
+    refused, condition = _find_refused(library, rows.design)
+    return ElasticEstimate(
+        robot=library.card.robot,
+        signature=library.card.signature,
+        method=fit.method,
+        reason=choice.reason,
+        parameters=_list_parameters(library, fit),
+        springs=list_springs(work, fit),
+        residual=find_torque_residuals(work, fit),
+        energy=find_energy_residual(work, fit),
+        condition=condition,
+        outcome=fit.outcome,
+        history=fit.history,
+        trials=_list_trials(choice),
+        sources=tuple(recording.source for recording in recordings),
+        settings=_write_settings(work, options, echo or {}),
+        refused=refused,
+        covariance=_write_covariance(fit),
+        notices=(*hidden, *fit.notices, *warn_of_fit(work, fit, condition)),
+    )
+
+
+def _choose(work: ElasticWork, options: ElasticOptions) -> _Choice:
+    if options.method != "automatic":
+        fit = fit_method(work, options.method)
+        return _Choice(fit=fit, fits=(fit,), scores=(), reason="the method was asked for")
+    fits = tuple(fit_method(work, method) for method in CANDIDATES)
+    usable = [fit for fit in fits if fit.outcome.usable and np.all(np.isfinite(fit.chi))]
+    candidates = [find_candidate(work, fit) for fit in usable]
+    best, scores = choose_candidate(candidates, work.rows, work.band.scatter)
+    taken = next(score for score in scores if score.name == best)
+    close = sum(score.is_close(min(entry.error for entry in scores)) for score in scores)
+    among = f"is the surest of the {close} that foretell" if close > 1 else "foretells"
+    reason = (
+        f"of {len(scores)} methods {best} {among} torques they were not fitted to best: mean squared error "
+        f"{taken.error:.4g} in units of the noise"
+    )
+    return _Choice(
+        fit=next(fit for fit in fits if fit.method == best), fits=fits, scores=scores, reason=reason
+    )
+
+
+def _list_parameters(library: Library, fit: ElasticFit) -> tuple[ParameterEstimate, ...]:
+    covariance = fit.covariance if fit.covariance is not None else np.zeros((len(fit.chi),) * 2)
+    deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    cards = _list_cards(library)
+    return tuple(
+        ParameterEstimate(
+            name=card.name,
+            value=float(value),
+            std=float(deviation),
+            unit=card.unit,
+            expression=card.expression,
+            reason=card.reason,
+            truth=card.value,
+        )
+        for card, value, deviation in zip(cards, fit.chi, deviations, strict=True)
+    )
+
+
+def _list_cards(library: Library) -> tuple[ParameterCard, ...]:
+    """Return the cards of chi; an elastic joint whose file states no rotor has one nevertheless."""
+    card = library.card
+    known = {entry.name: entry for entry in card.rotors}
+    rotors = []
+    for joint in card.joints:
+        name = f"IA{joint.number}"
+        unit = "kg" if joint.kind == "prismatic" else "kg m^2"
+        plain = ParameterCard(name=name, expression=name, unit=unit, reason="", joint=joint.name)
+        rotors.append(known.get(name, plain))
+    return (*card.beta, *rotors, *card.friction)
+
+
+def _list_trials(choice: _Choice) -> tuple[MethodTrial, ...]:
+    errors = {score.name: score.error for score in choice.scores}
+    return tuple(
+        MethodTrial(
+            method=fit.method,
+            outcome=fit.outcome,
+            error=errors.get(fit.method),
+            values=tuple(map(float, fit.chi)),
+        )
+        for fit in choice.fits
+    )
+
+
+def _find_refused(library: Library, design: FloatArray) -> tuple[tuple[tuple[str, str], ...], float]:
+    """Return the parameters that the rows cannot tell, and the condition number of the others."""
+    rule = RankRule()
+    spectrum = find_spectrum(design, rule.zero)
+    seen = spectrum.singular > rule.singular * spectrum.singular[0]
+    share = np.sum(spectrum.directions[~seen] ** 2, axis=0)
+    names = [card.name for card in _list_cards(library)]
+    reason = "the motions of these recordings do not tell it apart from others"
+    refused = tuple(
+        (name, reason)
+        for name, part, length in zip(names, share, spectrum.lengths, strict=True)
+        if part > rule.share or length == 0.0
+    )
+    return refused, float(spectrum.singular[0] / spectrum.singular[seen][-1])
+
+
+def _write_covariance(fit: ElasticFit) -> tuple[tuple[float, ...], ...]:
+    return () if fit.covariance is None else tuple(tuple(map(float, row)) for row in fit.covariance)
+
+
+def _write_settings(
+    work: ElasticWork, options: ElasticOptions, echo: Mapping[str, object]
+) -> Mapping[str, object]:
+    """Return the settings as JSON would give them back, with the cut-offs that were chosen."""
+    cutoffs = [part.cutoff for part in work.problem.signals]
+    grid = [list(map(float, entry)) for entry in work.problem.thresholds]
+    settings = {**echo, **asdict(options), "cutoffs": cutoffs, "grid": grid}
+    plain: dict[str, object] = json.loads(json.dumps(settings))
+    return plain

@@ -1,0 +1,85 @@
+"""Elastic robots whose logs have one position a joint: what the motor side alone can tell, and what not.
+
+Input: an elastic robot, recordings. Output: the robot without its elasticity; an `Estimate` with reasons.
+
+Without the link's position, q is taken as theta: torsion changes gravity and inertia by its own size only,
+10^-2 and less. The rotor then turns with the link, and its inertia is a part of the base parameters again.
+
+Supported: the rigid model with rotors merged, by any rows and estimator.
+Not supported: stiffness, hysteresis, and rotor and link inertia apart; each is refused with its reason.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from symid.data.recording import Recording
+from symid.errors import Notice
+from symid.identification.estimate import Estimate, Outcome
+from symid.robot.description import Robot
+
+__all__ = ["build_rigid_variant", "find_unseen", "has_both_encoders", "refuse_elasticity"]
+
+_STIFFNESS = (
+    "the log has one position a joint, so that its torsion is not seen; free motion shows a spring only at "
+    "the second order, and loops of torque over position are those of friction as well: measure the link's "
+    "position, lock the link, or load it statically"
+)
+_HYSTERESIS = "it is a loop of torque over torsion, and the torsion is not seen in this log"
+_SPLIT = (
+    "torsional motion tells rotor and link apart, and is not seen in this log: where the rigid model lists a "
+    "rotor inertia, the torsion that it does not know biases it against the link's, and their sum is what "
+    "holds; take the rotor's from the data sheet, or measure the link's position"
+)
+_MIXED = (
+    "the methods for springs and hysteresis need a robot whose joints are all elastic, and this one has "
+    "rigid joints besides; --method stiffness looks at its springs"
+)
+
+
+def build_rigid_variant(robot: Robot) -> Robot:
+    """Return the robot with all joints rigid: rotors turn with their links."""
+    return replace(robot, joints=tuple(replace(joint, elasticity=None) for joint in robot.joints))
+
+
+def has_both_encoders(recordings: Sequence[Recording]) -> bool:
+    """Return whether every recording has the positions of motors and of links."""
+    return all(
+        recording.motor_position is not None or recording.link_position is not None
+        for recording in recordings
+    )
+
+
+def find_unseen(robot: Robot, *, both: bool = False) -> tuple[tuple[str, str], ...]:
+    """Return name and reason of what is not identified of an elastic robot.
+
+    Args:
+        robot: with elastic joints.
+        both: whether the logs have both positions, so that only the robot's rigid joints stand in the way.
+    """
+    refused: list[tuple[str, str]] = []
+    for number, joint in enumerate(robot.joints, start=1):
+        if joint.elasticity is None:
+            continue
+        reasons = (_MIXED,) * 3 if both else (_STIFFNESS, _HYSTERESIS, _SPLIT)
+        refused += [(f"stiffness{number}", reasons[0]), (f"hysteresis{number}", reasons[1])]
+        if joint.drive.has_rotor:
+            refused.append((f"IA{number} apart from the link", reasons[2]))
+    return tuple(refused)
+
+
+def refuse_elasticity(estimate: Estimate, robot: Robot, *, both: bool = False) -> Estimate:
+    """Return the estimate of the rigid variant, what it cannot tell of `robot` refused; see `find_unseen`."""
+    unseen = find_unseen(robot, both=both)
+    why = (
+        "some joints are rigid" if both else "the logs have one position a joint, taken as that of its motor"
+    )
+    text = (
+        f"{why}: the rigid model was identified, with rotor inertias merged into the base parameters; "
+        "stiffness and hysteresis are refused"
+    )
+    return replace(
+        estimate,
+        refused=(*estimate.refused, *unseen),
+        outcome=Outcome.SOME_REFUSED,
+        notices=(Notice(code="elastic.motor-side", text=text), *estimate.notices),
+    )

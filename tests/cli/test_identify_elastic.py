@@ -1,0 +1,233 @@
+"""`symid identify` for springs, second encoders and elastic robots, on real recordings too where they are."""
+
+import json
+from contextlib import redirect_stdout
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from symid.cli.main import run
+
+KR300 = Path(__file__).parents[3] / "shared" / "data" / "kr300"
+MISSING = pytest.mark.skipif(not KR300.exists(), reason=f"the KR300's recordings are not at {KR300}")
+
+
+def call_json(capsys, *arguments):
+    capsys.readouterr()
+    code = run([*map(str, arguments), "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+@pytest.fixture
+def one_sided(tmp_path):
+    """Return a log of two joints with one position each."""
+    time = np.arange(6000) * 1e-3
+    w = 2.0 * np.pi * np.array([[0.3, 0.7], [0.45, 1.1]])
+    angle = w * time[:, None, None] + np.array([[0.0, 1.0], [2.0, 0.5]])
+    q = 0.4 * np.sin(angle).sum(axis=2)
+    ddq = -0.4 * (w**2 * np.sin(angle)).sum(axis=2)
+    path = tmp_path / "run.npz"
+    np.savez(path, t=time, q=q, tau=9.0 * np.sin(q) + ddq)
+    return path
+
+
+@pytest.fixture
+def two_sided(one_sided):
+    """Return a log of two joints with both positions."""
+    with np.load(one_sided) as log:
+        columns = dict(log)
+    path = one_sided.parent / "both.npz"
+    np.savez(path, **columns, theta=columns["q"] + columns["tau"] / 500.0)
+    return path
+
+
+@MISSING
+def test_kr300_delay_offsets_and_the_one_spring_that_can_be_told(capsys, tmp_path):
+    logs = [KR300 / f"run_{name}.npz" for name in "abc"]
+    output = tmp_path / "springs.json"
+    code, answer = call_json(capsys, "identify", "kr300", *logs, "--method", "stiffness", "-o", output)
+    assert code == 0
+    result = answer["result"]
+    assert result["delay_ms"] == pytest.approx(3.0, abs=0.1)
+    assert 0.0 < result["delay_std_ms"] < 0.1
+    offsets = np.array([[entry["offsets"][f"joint{j}"] for j in (1, 2, 3)] for entry in result["offsets"]])
+    assert np.ptp(offsets, axis=0).max() == pytest.approx(2.5e-3, abs=0.2e-3)
+    assert all(entry["offsets"]["joint4"] is None for entry in result["offsets"])
+    verdicts = [entry["verdict"] for entry in result["joints"]]
+    assert verdicts == ["no_gravity", "below_noise", "identified", *["no_encoder"] * 3]
+    third = result["joints"][2]
+    assert third["stiffness"] == pytest.approx(2.7e6, rel=0.2)
+    assert third["interval"][0] < 2.7e6 < third["interval"][1]
+    assert third["unit"] == "N m/rad"
+    for entry in (*result["joints"][:2], *result["joints"][3:]):
+        assert entry["stiffness"] is None
+        assert entry["interval"] is None
+        assert entry["reason"]
+    assert result["hysteresis"] is None
+    codes = {warning["code"] for warning in answer["warnings"]}
+    assert {"log.no-second-encoder", "log.aligned"} <= codes
+    assert json.loads(output.read_text()) == result
+
+
+@MISSING
+def test_kr300_as_a_table(capsys):
+    assert run(["identify", "kr300", str(KR300 / "run_b.npz"), "--method", "stiffness", "-q"]) == 0
+    out = capsys.readouterr().out
+    assert "link encoders lag motor encoders by" in out
+    assert "gravity does not load this joint" in out
+    assert "there is no link encoder" in out
+
+
+@MISSING
+def test_kr300_is_still_identified_as_rigid(capsys):
+    code, answer = call_json(capsys, "identify", "kr300", KR300 / "run_a.npz")
+    assert code == 0
+    assert len(answer["result"]["parameters"]) > 50
+    codes = {warning["code"] for warning in answer["warnings"]}
+    assert "identify.second-encoder" in codes
+
+
+@MISSING
+def test_check_tells_the_second_encoder(capsys):
+    code, answer = call_json(capsys, "check", "kr300", KR300 / "run_a.npz")
+    assert code == 0
+    assert answer["result"]["logs"][0]["second_encoder"] == "link"
+    (notice,) = (entry for entry in answer["warnings"] if entry["code"] == "log.no-second-encoder")
+    assert "'joint4', 'joint5', 'joint6'" in notice["text"]
+
+
+def test_the_motor_side_alone(capsys, one_sided):
+    code, answer = call_json(capsys, "identify", "two_link_elastic", one_sided)
+    assert code == 0
+    names = [entry["name"] for entry in answer["result"]["refused"]]
+    assert {"stiffness1", "hysteresis1", "stiffness2", "hysteresis2"} <= set(names)
+    assert "elastic.motor-side" in {warning["code"] for warning in answer["warnings"]}
+
+
+def test_check_says_that_there_is_no_second_encoder(capsys, one_sided):
+    _, answer = call_json(capsys, "check", "two_link_elastic", one_sided)
+    assert answer["result"]["logs"][0]["second_encoder"] is None
+
+
+@pytest.mark.parametrize(
+    ("robot", "arguments", "code"),
+    [
+        ("two_link", ["--method", "two-step"], "usage.method"),
+        ("two_link", ["--tolerance", "1e-5"], "usage.mixed-options"),
+        ("two_link", ["--method", "stiffness", "--rows", "torque"], "usage.mixed-options"),
+        ("two_link", ["--method", "stiffness", "--lambda", "30"], "usage.mixed-options"),
+        ("two_link_elastic", ["--method", "nlp"], "usage.one-encoder"),
+        ("two_link_elastic", ["--thresholds", "4"], "usage.mixed-options"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(capsys, one_sided, robot, arguments, code):
+    status, answer = call_json(capsys, "identify", robot, one_sided, *arguments)
+    assert status == 2
+    assert [entry["code"] for entry in answer["errors"]] == [code]
+
+
+def test_rows_are_refused_where_both_encoders_are_there(capsys, two_sided):
+    status, answer = call_json(capsys, "identify", "two_link_elastic", two_sided, "--estimator", "wls")
+    assert status == 2
+    assert answer["errors"][0]["code"] == "usage.mixed-options"
+    assert "--estimator" in answer["errors"][0]["text"]
+
+
+def test_logs_of_two_kinds_are_refused(capsys, one_sided, two_sided):
+    status, answer = call_json(capsys, "identify", "two_link_elastic", one_sided, two_sided)
+    assert status == 3
+    assert [entry["code"] for entry in answer["errors"]] == ["log.mixed-encoders"]
+    assert answer["errors"][0]["file"] == str(one_sided)
+
+
+def test_stiffness_needs_both_encoders(capsys, one_sided):
+    status, answer = call_json(capsys, "identify", "two_link", one_sided, "--method", "stiffness")
+    assert status == 3
+    assert [entry["code"] for entry in answer["errors"]] == ["log.one-encoder"]
+
+
+@pytest.fixture(scope="module")
+def experiment(tmp_path_factory):
+    """Return a log of the elastic arm whose link encoders are late and have zeros of their own."""
+    path = tmp_path_factory.mktemp("elastic") / "run.npz"
+    call = ["simulate", "two_link_elastic", "--trajectory", "ta", "--scale", "10", "--duration", "20"]
+    assert run([*call, "--delay", "0.0023", "--offset", "0.002", "-o", str(path), "-q"]) == 0
+    return path
+
+
+@pytest.fixture(scope="module")
+def identified(experiment):
+    """Return the estimate's file and the answer's result for the experiment."""
+    path = experiment.parent / "estimate.json"
+    answer = experiment.parent / "answer.json"
+    with answer.open("w") as stream, redirect_stdout(stream):
+        call = [
+            "identify",
+            "two_link_elastic",
+            str(experiment),
+            "-o",
+            str(path),
+            "--thresholds",
+            "6",
+            "--json",
+        ]
+        assert run(call) == 0
+    return path, json.loads(answer.read_text())
+
+
+def test_an_elastic_robot_with_both_encoders(identified):
+    path, answer = identified
+    result = answer["result"]
+    assert result["alignment"]["delay_ms"] == pytest.approx(2.3, abs=0.15)
+    offsets = result["alignment"]["offsets"][0]["offsets"]
+    assert all(abs(value + 2e-3) < 4e-4 for value in offsets.values())
+    assert "log.aligned" in {warning["code"] for warning in answer["warnings"]}
+    known = [entry for entry in result["parameters"] if entry["truth"]]
+    assert len(known) == 10
+    worst = max(abs(entry["value"] / entry["truth"] - 1.0) for entry in known)
+    assert worst < 0.3
+    assert result["settings"]["stops"] == 6
+    assert {trial["method"] for trial in result["trials"]} >= {"linear-spring", "two-step", "elimination"}
+    assert len(result["springs"]) == 2
+    assert path.exists()
+
+
+def test_one_method_as_tables(capsys, experiment):
+    call = ["identify", "two_link_elastic", str(experiment), "--method", "linear-spring", "--window", "0.2"]
+    assert run(call) == 0
+    captured = capsys.readouterr()
+    assert "two_link_elastic: linear-spring, condition" in captured.out
+    assert "The method was asked for." in captured.out
+    assert "k0 + stops" in captured.out
+    assert "link encoders were moved by" in captured.err
+
+
+def test_stiffness_of_an_elastic_arm(capsys, experiment):
+    code, answer = call_json(capsys, "identify", "two_link_elastic", experiment, "--method", "stiffness")
+    assert code == 0
+    assert answer["result"]["delay_ms"] == pytest.approx(2.3, abs=0.15)
+    for entry, (low, high) in zip(answer["result"]["joints"], ((380, 600), (90, 150)), strict=True):
+        assert entry["verdict"] == "identified"
+        assert low < entry["stiffness"] < high
+
+
+def test_without_a_delay_nothing_is_moved(capsys, tmp_path):
+    path = tmp_path / "run.npz"
+    call = ["simulate", "two_link_elastic", "--trajectory", "ta", "--scale", "10", "--duration", "12"]
+    assert run([*call, "-o", str(path), "-q"]) == 0
+    code, answer = call_json(capsys, "identify", "two_link_elastic", path, "--method", "elimination")
+    assert code == 0
+    (notice,) = (entry for entry in answer["warnings"] if entry["code"] == "log.in-line")
+    assert "nothing was moved" in notice["text"]
+    assert answer["result"]["method"] == "elimination"
+
+
+def test_a_log_too_short_for_a_delay_is_taken_as_it_is(capsys, tmp_path):
+    path = tmp_path / "run.npz"
+    call = ["simulate", "two_link_elastic", "--trajectory", "ta", "--scale", "10", "--duration", "4"]
+    assert run([*call, "-o", str(path), "-q"]) == 0
+    code, answer = call_json(capsys, "identify", "two_link_elastic", path, "--method", "elimination")
+    assert code == 0
+    assert "log.short-alignment" in {entry["code"] for entry in answer["warnings"]}
+    assert answer["result"]["alignment"] is None

@@ -1,0 +1,156 @@
+"""`symid report` for estimates of elastic joints."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symid.cli.inputs import describe_settings, load_robot
+from symid.cli.main import run
+from symid.codegen.cache import prepare_library
+from symid.elastic.estimate import ElasticEstimate, SpringEstimate
+from symid.elastic.fit import ElasticOutcome
+from symid.elastic.storage import write_elastic_estimate
+from symid.identification.estimate import ParameterEstimate, Residual
+
+ROBOT = "two_link_elastic"
+
+
+def call_json(capsys, *arguments):
+    capsys.readouterr()
+    code = run([*map(str, arguments), "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+@pytest.fixture(scope="module")
+def estimate():
+    """Return an estimate that says the truth of the robot file."""
+    robot = load_robot(ROBOT)
+    card = prepare_library(robot).card
+    entries = (*card.beta, *card.rotors, *card.friction)
+    residuals = tuple(
+        Residual(
+            joint=joint.name, norm=1.0, relative_percent=0.5, std=0.01, samples=100, unit=joint.torque_unit
+        )
+        for joint in card.joints
+    )
+    springs = tuple(
+        SpringEstimate(
+            joint=joint.name,
+            torque_unit=joint.torque_unit,
+            position_unit=joint.position_unit,
+            elasticity=spring,
+            torsion=0.03,
+            excited=0.016,
+            torque=15.0,
+            truth=spring,
+        )
+        for joint, spring in zip(card.joints, card.elasticity, strict=True)
+    )
+    return ElasticEstimate(
+        robot=card.robot,
+        signature=card.signature,
+        method="elimination",
+        reason="the method was asked for",
+        parameters=tuple(
+            ParameterEstimate(
+                name=entry.name, value=entry.value, std=0.01, unit=entry.unit, truth=entry.value
+            )
+            for entry in entries
+        ),
+        springs=springs,
+        residual=residuals,
+        energy=replace(residuals[0], joint="all joints", unit="J"),
+        condition=20.0,
+        outcome=ElasticOutcome.SOLVED,
+        history=(),
+        trials=(),
+        sources=("training.npz",),
+        settings={**describe_settings(robot), "stops": 8, "rate": 60.0, "cutoff": None},
+    )
+
+
+@pytest.fixture
+def found(estimate, tmp_path):
+    return write_elastic_estimate(estimate, tmp_path / "estimate.json")
+
+
+@pytest.fixture
+def log(tmp_path):
+    """Return a log of both encoders; its torques are no more than plausible."""
+    time = np.arange(8000) * 1e-3
+    ramp = np.minimum(time / 2.0, 1.0) ** 3
+    q = ramp[:, None] * np.column_stack([0.6 * np.sin(2.0 * time), 0.5 * np.sin(3.1 * time + 1.0)])
+    tau = np.array([9.0, 2.4]) * np.sin(q)
+    path = tmp_path / "held_out.npz"
+    np.savez(path, t=time, q=q, theta=q + tau / np.array([500.0, 130.0]), tau=tau)
+    return path
+
+
+def test_a_page_without_logs_needs_no_robot(capsys, found, tmp_path):
+    page = tmp_path / "page.html"
+    code, answer = call_json(capsys, "report", found, "-o", page)
+    assert code == 0
+    assert answer["result"]["robot"] == ROBOT
+    assert answer["result"]["validations"] == []
+    assert "No held-out log was given" in page.read_text(encoding="utf-8")
+
+
+def test_a_page_with_a_log_has_its_loops(capsys, found, log, tmp_path):
+    page = tmp_path / "page.html"
+    code, answer = call_json(capsys, "report", found, "--validation", log, "-o", page)
+    assert code == 0
+    assert answer["result"]["validations"] == [str(log)]
+    text = page.read_text(encoding="utf-8")
+    assert "Hysteresis loops: " in text
+    assert "shoulder: hysteresis loops, opened" in text
+    assert "7.999 s at 1000 Hz" in text
+
+
+def test_an_estimate_of_another_model_is_refused(capsys, estimate, log, tmp_path):
+    other = write_elastic_estimate(replace(estimate, signature="0" * 64), tmp_path / "other.json")
+    code, answer = call_json(capsys, "report", other, "--validation", log, "-o", tmp_path / "a.html")
+    assert code != 0
+    assert answer["errors"][0]["code"] == "estimate.signature"
+    assert not (tmp_path / "a.html").exists()
+
+
+def test_an_unknown_robot_is_named_with_its_option(capsys, estimate, log, tmp_path):
+    other = write_elastic_estimate(replace(estimate, robot="nobody"), tmp_path / "other.json")
+    code, answer = call_json(capsys, "report", other, "--validation", log, "-o", tmp_path / "a.html")
+    assert code != 0
+    assert "--robot FILE.toml" in answer["errors"][0]["text"]
+
+
+def test_a_log_of_one_encoder_is_refused(capsys, found, log, tmp_path):
+    with np.load(log) as columns:
+        kept = {name: columns[name] for name in ("t", "q", "tau")}
+    one = tmp_path / "one.npz"
+    np.savez(one, **kept)
+    code, answer = call_json(capsys, "report", found, "--validation", one, "-o", tmp_path / "a.html")
+    assert code != 0
+    assert answer["errors"][0]["code"] == "log.one-encoder"
+    assert not (tmp_path / "a.html").exists()
+
+
+def test_the_log_is_read_as_the_logs_of_the_fit_were(capsys, estimate, log, tmp_path):
+    settings = {**estimate.settings, "log": {"torque": {"columns": ["tau"], "unit": "mN m"}}}
+    other = write_elastic_estimate(replace(estimate, settings=settings), tmp_path / "other.json")
+    code, answer = call_json(capsys, "report", other, "--validation", log, "-o", tmp_path / "a.html")
+    assert code == 0
+    assert "was multiplied by 0.001" in (tmp_path / "a.html").read_text(encoding="utf-8")
+    assert "estimate.settings-differ" in {entry["code"] for entry in answer["warnings"]}
+
+
+def test_what_the_motor_side_told_is_tried_as_rigid(capsys, log, tmp_path):
+    with np.load(log) as columns:
+        kept = {"t": columns["t"], "q": columns["theta"], "tau": columns["tau"]}
+    training, held_out, found = (tmp_path / name for name in ("one.npz", "two.npz", "found.json"))
+    np.savez(training, **kept)
+    np.savez(held_out, **{**kept, "t": kept["t"] + 1.0})
+    assert run(["identify", ROBOT, str(training), "-o", str(found), "-q"]) == 0
+    code, answer = call_json(capsys, "report", found, "--validation", held_out, "-o", tmp_path / "a.html")
+    assert code == 0
+    assert answer["result"]["validations"] == [str(held_out)]
+    assert "stiffness1" in (tmp_path / "a.html").read_text(encoding="utf-8")

@@ -1,0 +1,93 @@
+"""`symid simulate` of elastic robots: both encoders in the log, sensors as told, refusals."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from symid.cli.main import run
+from symid.data.readers import read_recording
+from symid.formats.toml import read_robot
+
+
+def call_json(capsys, *arguments):
+    """Run a verb with --json; return its exit code and the object."""
+    code = run([*map(str, arguments), "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def simulate(capsys, path, *arguments, robot="two_link_elastic"):
+    code, answer = call_json(capsys, "simulate", robot, "-o", path, *arguments)
+    assert code == 0, answer
+    return answer["result"]
+
+
+def test_the_log_holds_links_motors_and_torques(capsys, tmp_path, robots_folder):
+    path = tmp_path / "run.npz"
+    result = simulate(capsys, path, "--trajectory", "tc", "--duration", "3", "--clean")
+    assert result["period"] == pytest.approx(2e-4)
+    assert (result["noise"], result["relative_noise"]) == (0.0, 0.0)
+    assert result["energy_gap"] < 1e-9
+    assert np.all(np.array(result["largest_torsion"]) > 1e-3)
+    recording = read_recording(path, read_robot(robots_folder / "two_link_elastic.toml"))
+    torsion = np.abs(recording.motor_position - recording.position).max(axis=0)
+    np.testing.assert_allclose(torsion, result["largest_torsion"], rtol=1e-12)
+
+
+def test_scale_delay_offset_and_noise(capsys, tmp_path):
+    arguments = ("--trajectory", "ta", "--duration", "3")
+    plain = simulate(capsys, tmp_path / "plain.npz", *arguments, "--clean")
+    simulate(capsys, tmp_path / "wide.npz", *arguments, "--clean", "--scale", "3")
+    simulate(capsys, tmp_path / "late.npz", *arguments, "--clean", "--delay", "0.001", "--offset", "0.02")
+    loud = simulate(capsys, tmp_path / "loud.npz", *arguments, "--noise", "1.5")
+    base, wide, late = (np.load(tmp_path / f"{name}.npz") for name in ("plain", "wide", "late"))
+    assert np.abs(wide["theta"]).max() == pytest.approx(3.0 * np.abs(base["theta"]).max(), rel=0.05)
+    np.testing.assert_allclose(late["q"][5:], base["q"][:-5] + 0.02, atol=1e-12)
+    np.testing.assert_array_equal(late["theta"], base["theta"])
+    assert (loud["noise"], loud["relative_noise"], loud["period"]) == (1.5, 0.0, pytest.approx(1e-3))
+    assert (plain["delay"], plain["offset"]) == (0.0, 0.0)
+
+
+def test_elastic_logs_are_deterministic(capsys, tmp_path):
+    files = []
+    for name in ("a.npz", "b.npz"):
+        simulate(capsys, tmp_path / name, "--duration", "1", "--seed", "4")
+        files.append((tmp_path / name).read_bytes())
+    assert files[0] == files[1]
+
+
+def test_sensors_of_elastic_joints_are_refused_for_rigid_ones(capsys, tmp_path):
+    for option in ("--delay", "--offset"):
+        code, answer = call_json(capsys, "simulate", "two_link", "-o", tmp_path / "a.npz", option, "0.01")
+        assert code == 2
+        assert answer["errors"][0]["code"] == "usage.rigid-sensors"
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_spring_without_values_is_refused_first(capsys, tmp_path, monkeypatch, robots_folder):
+    monkeypatch.setattr("symid.cli.simulate.load_robot_library", None)
+    text = (robots_folder / "two_link_elastic.toml").read_text(encoding="utf-8")
+    robot = tmp_path / "arm.toml"
+    empty = re.sub(r"(?m)^stiffness = \d+", 'stiffness = "unknown"', text)
+    robot.write_text(empty, encoding="utf-8")
+    code, answer = call_json(capsys, "simulate", robot, "-o", tmp_path / "a.npz")
+    assert code == 3
+    assert answer["errors"][0]["code"] == "robot.no-values"
+    assert "the stiffness of [joint.elasticity]" in answer["errors"][0]["text"]
+
+
+def test_tc_moves_any_rigid_robot_too(capsys, tmp_path):
+    result = simulate(
+        capsys,
+        tmp_path / "a.npz",
+        "--trajectory",
+        "tc",
+        "--duration",
+        "2",
+        "--scale",
+        "0.5",
+        robot="two_link",
+    )
+    assert result["trajectory"].endswith("amplitudes times 0.5")
+    assert result["noise"] == 0.05

@@ -1,0 +1,251 @@
+"""Identification of elastic joints from logs as they are: choice, doubts, refusals, files."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symid.codegen.cache import prepare_library
+from symid.data.recording import Recording
+from symid.elastic.covariance import find_bound
+from symid.elastic.identify import CANDIDATES, identify_elastic
+from symid.elastic.options import ElasticOptions
+from symid.elastic.signals import prepare_elastic_signals
+from symid.elastic.storage import is_elastic_estimate, read_elastic_estimate, write_elastic_estimate
+from symid.errors import EstimateError, IdentifiabilityError, LogError, UsageError
+from symid.excitation.trajectories import build_tb
+from symid.formats.toml import read_robot
+from symid.joint.plays import find_hysteresis_torque
+from symid.robot.elasticity import Elasticity
+from symid.simulation.elastic_experiment import simulate_elastic
+from symid.simulation.elastic_options import build_noisy_options
+from symid.simulation.elastic_run import observe
+from tests.recovery.elastic_runs import find_error, find_truth, prepare_arm, run_arm
+
+
+@pytest.fixture(scope="module")
+def arm(robots_folder):
+    return prepare_arm(robots_folder)
+
+
+@pytest.fixture(scope="module")
+def run(arm):
+    return run_arm(*arm, noisy=True, duration=12.0)
+
+
+@pytest.fixture(scope="module")
+def estimate(arm, run):
+    return identify_elastic(arm[1], [run.recording])
+
+
+def values(estimate):
+    return np.array([entry.value for entry in estimate.parameters])
+
+
+def test_the_choice_from_noisy_data_alone_is_good(arm, run, estimate):
+    truth = find_truth(arm[1])
+    assert {trial.method for trial in estimate.trials} == set(CANDIDATES)
+    errors = {trial.method: find_error(np.array(trial.values), truth) for trial in estimate.trials}
+    assert find_error(values(estimate), truth) == errors[estimate.method]
+    assert errors[estimate.method] < 0.02
+    assert errors[estimate.method] < min(errors["linear-spring"], errors["two-step"])
+    chosen = next(trial for trial in estimate.trials if trial.method == estimate.method)
+    assert chosen.error < 1.01 * min(trial.error for trial in estimate.trials)
+    assert estimate.method in estimate.reason
+    for joint, spring in enumerate(estimate.springs):
+        found = find_hysteresis_torque(spring.elasticity, run.phi[:, joint])
+        error = np.linalg.norm(found - run.joint_torque[:, joint]) / np.linalg.norm(
+            run.joint_torque[:, joint]
+        )
+        assert error < 0.03
+        assert spring.truth == arm[1].card.elasticity[joint]
+        assert 0.0 < spring.excited < spring.torsion
+
+
+def test_deviations_cover_the_truth_and_are_not_below_the_bound(arm, run, estimate):
+    truth = find_truth(arm[1])
+    deviations = np.array([entry.std for entry in estimate.parameters])
+    assert np.all(np.abs(values(estimate) - truth) < 5.0 * deviations)
+    exact = replace(run.recording, position=run.q, motor_position=run.theta, torque=run.torque)
+    signals = prepare_elastic_signals(exact, ElasticOptions(cutoff=0.0))
+    noise = 0.02 * np.sqrt(np.mean(run.torque**2, axis=0))
+    bound = np.sqrt(np.diag(find_bound(arm[1], [signals], [noise])))
+    assert np.all(deviations > 0.9 * bound)
+    assert np.all(deviations < 10.0 * bound)
+
+
+def test_the_bound_is_that_of_torque_rows_with_true_accelerations(arm, run):
+    library = arm[1]
+    exact = replace(run.recording, position=run.q, motor_position=run.theta, torque=run.torque)
+    signals = prepare_elastic_signals(exact, ElasticOptions(cutoff=0.0))
+    noise = np.array([0.2, 0.1])
+    ddq, ddtheta = (np.gradient(part, signals.period, axis=0) for part in (signals.dq, signals.dtheta))
+    (link,) = library.evaluate("torque_regressor", signals.q, signals.dq, ddq)
+    (friction,) = library.evaluate("friction_regressor", signals.dtheta)
+    rows = np.concatenate([link, ddtheta[:, :, None] * np.eye(2), friction], axis=2) / noise[:, None]
+    rows = rows.reshape(-1, rows.shape[2])
+    expected = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
+    found = np.sqrt(np.diag(find_bound(library, [signals], [noise])))
+    assert np.allclose(found, expected, rtol=1e-3)
+
+
+def test_an_estimate_is_read_as_it_was_written(tmp_path, arm, estimate):
+    path = write_elastic_estimate(estimate, tmp_path / "estimate.json")
+    assert is_elastic_estimate(path)
+    assert read_elastic_estimate(path, arm[1].card) == estimate
+    fit = estimate.build_fit(len(arm[1].card.beta))
+    assert np.array_equal(fit.chi, values(estimate))
+    assert len(fit.elasticity) == 2
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda data: data.update(format="symid estimate"), "not an estimate of elastic joints"),
+        (lambda data: data.update(version=9), "version 9"),
+        (lambda data: data.pop("springs"), "'springs' is missing"),
+        (lambda data: data.update(outcome="PERFECT"), "'PERFECT' is missing or unknown"),
+        (lambda data: data["covariance"].pop(), "covariance: expected 12 rows"),
+        (lambda data: data["parameters"][0].update(value="1"), "expected a number, got '1'"),
+        (lambda data: data.update(robot=3), "expected text, got 3"),
+        (lambda data: data["springs"][0]["elasticity"]["stops"].reverse(), "a spring that cannot be"),
+    ],
+)
+def test_files_that_are_no_estimates_are_refused(tmp_path, estimate, change, message):
+    path = write_elastic_estimate(estimate, tmp_path / "estimate.json")
+    data = json.loads(path.read_text(encoding="utf-8"))
+    change(data)
+    path.write_text(json.dumps(data), encoding="utf-8")
+    with pytest.raises(EstimateError, match=message):
+        read_elastic_estimate(path)
+
+
+@pytest.mark.parametrize("text", ["", "[1]", "{", "\x00"])
+def test_files_of_something_else_are_refused(tmp_path, text):
+    path = tmp_path / "estimate.json"
+    path.write_text(text, encoding="utf-8")
+    assert not is_elastic_estimate(path)
+    with pytest.raises(EstimateError):
+        read_elastic_estimate(path)
+    with pytest.raises(EstimateError, match="cannot be read"):
+        read_elastic_estimate(tmp_path / "none.json")
+
+
+def test_an_estimate_of_another_model_is_refused(tmp_path, arm, estimate):
+    path = write_elastic_estimate(estimate, tmp_path / "estimate.json")
+    with pytest.raises(EstimateError, match="use the same robot"):
+        read_elastic_estimate(path, replace(arm[1].card, signature="0" * 64))
+
+
+@pytest.mark.parametrize("method", ["linear-spring", "two-step", "elimination", "weighted", "independent"])
+def test_every_method_can_be_asked_for(arm, run, method):
+    found = identify_elastic(arm[1], [run.recording], ElasticOptions(method=method))
+    assert found.method == method
+    assert [trial.method for trial in found.trials] == [method]
+    assert found.trials[0].error is None
+    assert len(found.springs) == len(found.residual) == 2
+    assert find_error(values(found), find_truth(arm[1])) < 0.2
+    assert found.settings["method"] == method
+
+
+def test_one_cost_can_be_asked_for_and_keeps_to_its_grid(arm):
+    clean = run_arm(*arm, duration=8.0)
+    options = ElasticOptions(method="two-step", scheme="same-cost", knees=0, stops=4)
+    found = identify_elastic(arm[1], [clean.recording], options)
+    assert found.method == "same-cost"
+    assert len(found.history) > 6
+    assert find_error(values(found), find_truth(arm[1])) < 0.1
+
+
+def test_a_robot_without_springs_is_refused(robots_folder, run):
+    library = prepare_library(read_robot(robots_folder / "two_link.toml"))
+    with pytest.raises(UsageError, match="joints that do not give") as caught:
+        identify_elastic(library, [run.recording])
+    assert caught.value.notices[0].code == "usage.not-elastic"
+
+
+def test_no_log_and_logs_of_another_robot_are_refused(arm, run):
+    with pytest.raises(UsageError, match="no log was given"):
+        identify_elastic(arm[1], [])
+    one = Recording(
+        time=run.time,
+        position=run.q[:, :1],
+        motor_position=run.theta[:, :1],
+        torque=run.torque[:, :1],
+    )
+    with pytest.raises(LogError, match="the log has 1 joints"):
+        identify_elastic(arm[1], [one])
+
+
+def test_one_encoder_is_refused_with_what_is_missing(arm, run):
+    lone = Recording(time=run.time, position=run.q, torque=run.torque)
+    with pytest.raises(LogError, match="motor and link positions") as caught:
+        identify_elastic(arm[1], [lone])
+    assert caught.value.notices[0].code == "elastic.one-encoder"
+
+
+def test_a_short_log_is_refused(arm, run):
+    short = Recording(
+        time=run.time[:300], position=run.q[:300], motor_position=run.theta[:300], torque=run.torque[:300]
+    )
+    with pytest.raises(LogError, match="the log has 300 samples"):
+        identify_elastic(arm[1], [short], ElasticOptions(cutoff=25.0))
+
+
+def test_standstill_and_torsion_below_the_noise_are_refused(arm, run):
+    rng = np.random.default_rng(0)
+    noise = [1e-6 * rng.normal(size=run.q.shape) for _ in range(2)]
+    still = Recording(time=run.time, position=noise[0], motor_position=noise[1], torque=run.torque)
+    with pytest.raises(IdentifiabilityError, match="no joint moves") as caught:
+        identify_elastic(arm[1], [still])
+    assert caught.value.notices[0].code == "elastic.standstill"
+    rigid = Recording(time=run.time, position=run.q, motor_position=run.q + noise[1], torque=run.torque)
+    with pytest.raises(IdentifiabilityError, match="nothing can be said of its spring") as caught:
+        identify_elastic(arm[1], [rigid])
+    assert [notice.code for notice in caught.value.notices] == ["elastic.no-torsion"] * 2
+
+
+def test_one_joint_without_visible_torsion_is_said_and_the_others_are_found(arm, run):
+    rng = np.random.default_rng(0)
+    motor = run.theta.copy()
+    motor[:, 1] = run.q[:, 1]
+    recording = run.recording
+    noisy = motor + 2e-6 * rng.normal(size=motor.shape)
+    one = Recording(time=run.time, position=recording.position, motor_position=noisy, torque=recording.torque)
+    found = identify_elastic(arm[1], [one], ElasticOptions(method="elimination"))
+    told = [notice.text for notice in found.notices if notice.code == "elastic.no-torsion"]
+    assert len(told) == 1
+    assert "joint 'elbow'" in told[0]
+    assert found.springs[0].elasticity.initial_stiffness == pytest.approx(600.0, rel=0.1)
+
+
+def test_a_slow_motion_of_one_joint_leaves_doubts(arm):
+    options = replace(build_noisy_options(), duration=12.0)
+    slow = simulate_elastic(*arm, build_tb(0), options, np.random.default_rng(1))
+    found = identify_elastic(arm[1], [slow.recording], ElasticOptions(method="two-step", iterations=2))
+    codes = {notice.code for notice in found.notices}
+    assert "elastic.vague" in codes
+    assert "elastic.outcome" in codes
+
+
+def test_rows_that_hardly_tell_inertias_apart_are_said_to_be_so(robots_folder):
+    stiff = (Elasticity(stiffness=5e4), Elasticity(stiffness=1.3e4))
+    robot, library = prepare_arm(robots_folder, springs=stiff)
+    run = run_arm(robot, library, duration=6.0)
+    found = identify_elastic(library, [run.recording], ElasticOptions(method="linear-spring"))
+    assert "elastic.condition" in {notice.code for notice in found.notices}
+    assert found.condition > 300.0
+
+
+def test_another_seed_gives_another_estimate_within_its_deviations(arm, run, estimate):
+    sensors = build_noisy_options().sensors
+    other = identify_elastic(
+        arm[1],
+        [observe(run, sensors, np.random.default_rng(7))],
+        ElasticOptions(method=estimate.method),
+    )
+    deviations = np.array([entry.std for entry in estimate.parameters])
+    difference = np.abs(values(other) - values(estimate))
+    assert np.any(difference > 0.0)
+    assert np.all(difference < 6.0 * deviations)

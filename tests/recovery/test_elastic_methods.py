@@ -1,0 +1,223 @@
+"""Methods for elastic joints find what a simulated arm was made of."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symid.elastic.alternation import (
+    build_energy_cost,
+    find_rate,
+    fit_alternation,
+    fit_joint_energy,
+)
+from symid.elastic.band import build_band_rows, fit_band
+from symid.elastic.elimination import fit_elimination
+from symid.elastic.fit import ElasticOutcome
+from symid.elastic.independent import find_virtual_torsion, fit_independent, split_recordings
+from symid.elastic.iteration import fit_linear_spring, fit_two_step, init, step, terminate
+from symid.elastic.options import ElasticOptions
+from symid.errors import UsageError
+from symid.excitation.trajectories import build_tb
+from symid.joint.plays import find_hysteresis_torque
+from symid.robot.elasticity import Elasticity
+from symid.simulation.elastic_experiment import simulate_elastic
+from symid.simulation.elastic_options import build_clean_options
+from tests.recovery.elastic_runs import (
+    KNEES,
+    PLACED,
+    STOPS,
+    build,
+    find_error,
+    find_truth,
+    prepare_arm,
+    run_arm,
+)
+
+
+@pytest.fixture(scope="module")
+def arm(robots_folder):
+    return prepare_arm(robots_folder)
+
+
+@pytest.fixture(scope="module")
+def plain(robots_folder):
+    """Return an arm whose springs have stops and no knees."""
+    return prepare_arm(robots_folder, knees=False)
+
+
+@pytest.fixture(scope="module")
+def run(arm):
+    return run_arm(*arm)
+
+
+@pytest.fixture(scope="module")
+def problem(arm, run):
+    return build(arm[1], [run.recording], PLACED)
+
+
+@pytest.fixture(scope="module")
+def energy_problem(plain):
+    options = ElasticOptions(thresholds=STOPS, knees=0, tolerance=1e-8)
+    return build(plain[1], [run_arm(*plain).recording], options)
+
+
+def torque_error(springs, run):
+    """Return the relative RMS error of the joint torques along the true torsion."""
+    found = [find_hysteresis_torque(spring, run.phi[:, joint]) for joint, spring in enumerate(springs)]
+    error = np.array(found).T - run.joint_torque
+    return np.sqrt(np.mean(error**2, axis=0) / np.mean(run.joint_torque**2, axis=0))
+
+
+def test_joint_least_squares_recovers_all_parameters(plain, energy_problem):
+    fit = fit_joint_energy(energy_problem)
+    assert find_error(fit.chi, find_truth(plain[1])) < 5e-4
+    for found, true in zip(fit.elasticity, plain[1].card.elasticity, strict=True):
+        assert found.stiffness == pytest.approx(true.stiffness, rel=5e-4)
+        for stop, stated in zip(found.stops, true.stops, strict=True):
+            assert stop.stiffness == pytest.approx(stated.stiffness, rel=5e-4)
+
+
+def test_elimination_needs_no_spring_and_agrees_with_the_two_steps(arm, problem):
+    truth = find_truth(arm[1])
+    eliminated, iterated = fit_elimination(problem), fit_two_step(problem)
+    assert find_error(eliminated.chi, truth) < 1e-4
+    assert np.allclose(iterated.chi, eliminated.chi, rtol=2e-4, atol=1e-5)
+    assert find_error(iterated.chi, truth) < 2e-4
+
+
+def test_the_band_gives_the_same_dynamics_with_a_covariance(arm, problem):
+    fit = fit_band(arm[1].card, build_band_rows(arm[1], problem.signals))
+    assert find_error(fit.chi, find_truth(arm[1])) < 1e-3
+    assert np.all(np.linalg.eigvalsh(fit.covariance) > 0.0)
+
+
+def test_the_alternation_on_one_cost_descends_at_the_rate_of_the_principal_angle(energy_problem):
+    rate = find_rate(build_energy_cost(energy_problem))
+    alternated, joint = fit_alternation(energy_problem), fit_joint_energy(energy_problem)
+    costs = np.array([entry.merit for entry in alternated.history])
+    assert np.all(np.diff(costs) <= 1e-12 * costs[0])
+    changes = np.array([entry.change for entry in alternated.history])
+    seen = changes[-10:] / changes[-11:-1]
+    assert 0.1 < rate < 1.0
+    assert np.all(np.abs(seen / rate - 1.0) < 0.05)
+    assert alternated.outcome is ElasticOutcome.CONVERGED
+    assert np.allclose(alternated.chi, joint.chi, rtol=1e-5, atol=1e-7)
+
+
+def test_the_alternation_says_when_its_iterations_did_not_suffice(energy_problem):
+    assert fit_alternation(energy_problem, iterations=2).outcome is ElasticOutcome.LIMIT
+
+
+@pytest.mark.parametrize("scale", [1.0, 10.0])
+def test_two_steps_on_a_grid_find_clean_dynamics_and_springs_in_six_iterations(arm, scale):
+    run = run_arm(*arm, scale=scale, duration=12.0)
+    fit = fit_two_step(build(arm[1], [run.recording], ElasticOptions(tolerance=1e-6)))
+    assert fit.outcome is ElasticOutcome.CONVERGED
+    assert len(fit.history) <= 6
+    assert find_error(fit.chi, find_truth(arm[1])) < 5e-3
+    assert np.all(torque_error(fit.elasticity, run) < 1.5e-2)
+
+
+def test_without_refinement_thresholds_stay_on_their_grid(arm, run):
+    options = ElasticOptions(refine=False, stops=4, knees=2, iterations=3)
+    problem = build(arm[1], [run.recording], options)
+    fit = fit_two_step(problem)
+    for spring, grid in zip(fit.elasticity, problem.thresholds, strict=True):
+        assert {stop.threshold for stop in spring.stops} <= set(grid)
+    assert fit.outcome is ElasticOutcome.LIMIT
+    assert len(fit.history) == 3
+
+
+def test_steps_can_be_taken_one_by_one(problem):
+    state = init(problem)
+    assert terminate(problem, state) is None
+    after = step(problem, state)
+    assert len(after.history) == 1
+    assert after.merit < state.merit
+    assert np.isfinite(after.change)
+    assert terminate(problem, replace(after, chi=np.full_like(after.chi, np.nan))) is ElasticOutcome.DIVERGED
+
+
+def test_torque_times_a_number_scales_every_parameter(arm, run):
+    recording = run.recording
+    options = replace(PLACED, knees=0, knee_torques=None)
+    plain = fit_two_step(build(arm[1], [recording], options))
+    double = replace(recording, torque=2.0 * recording.torque)
+    scaled = fit_two_step(build(arm[1], [double], options))
+    assert np.allclose(scaled.chi, 2.0 * plain.chi, rtol=1e-9, atol=1e-12)
+    for one, two in zip(plain.elasticity, scaled.elasticity, strict=True):
+        assert two.stiffness == pytest.approx(2.0 * one.stiffness, rel=1e-9)
+        for stop, other in zip(one.stops, two.stops, strict=True):
+            assert other.stiffness == pytest.approx(2.0 * stop.stiffness, rel=1e-7)
+
+
+def test_without_hysteresis_the_two_steps_are_the_linear_spring(robots_folder):
+    straight = (Elasticity(stiffness=500.0), Elasticity(stiffness=130.0))
+    robot, library = prepare_arm(robots_folder, springs=straight)
+    run = run_arm(robot, library, duration=6.0)
+    problem = build(library, [run.recording], ElasticOptions(refine=False))
+    linear, iterated = fit_linear_spring(problem), fit_two_step(problem)
+    assert np.allclose(iterated.chi, linear.chi, rtol=1e-3, atol=1e-5)
+    assert find_error(linear.chi, find_truth(library)) < 1e-3
+    for spring, true in zip(linear.elasticity, straight, strict=True):
+        assert spring.stiffness == pytest.approx(true.stiffness, rel=1e-3)
+    assert np.all(torque_error(iterated.elasticity, run) < 1e-3)
+
+
+def test_stiff_springs_leave_rotor_and_link_inertia_apart_no_more(robots_folder):
+    stiff = (Elasticity(stiffness=5e4), Elasticity(stiffness=1.3e4))
+    robot, library = prepare_arm(robots_folder, springs=stiff)
+    run = run_arm(robot, library, duration=6.0)
+    problem = build(library, [run.recording], ElasticOptions(stops=0, knees=0))
+    design = np.concatenate([problem.link, problem.motor], axis=2).reshape(-1, len(find_truth(library)))
+    names = [entry.name for entry in library.card.beta]
+    link, rotor = design[:, names.index("ZZR1")], design[:, len(names)]
+    assert link @ rotor > (1.0 - 1e-5) * np.linalg.norm(link) * np.linalg.norm(rotor)
+    # Their sum, what a rigid robot has, is found nevertheless.
+    chi, truth = fit_linear_spring(problem).chi, find_truth(library)
+    first = names.index("ZZR1")
+    assert chi[first] + chi[len(names)] == pytest.approx(truth[first] + truth[len(names)], rel=2e-3)
+
+
+@pytest.fixture(scope="module")
+def apart(arm, run):
+    options = replace(build_clean_options(), duration=12.0, period=1e-3)
+    slow = [simulate_elastic(*arm, build_tb(joint), options, np.random.default_rng(0)) for joint in (0, 1)]
+    return build(arm[1], [part.recording for part in (run, *slow)], ElasticOptions()), slow
+
+
+def test_the_independent_procedures_take_each_kind_of_motion_for_its_part(arm, apart):
+    problem, slow = apart
+    assert split_recordings(problem.signals) == ((0,), (1, 2))
+    motor, encoder = fit_independent(problem), fit_independent(problem, encoder=True)
+    truth = find_truth(arm[1])
+    assert find_error(motor.chi, truth) < 1e-3
+    assert np.array_equal(motor.chi, encoder.chi)
+    for joint, part in enumerate(slow):
+        # Gravity alone tells the torsion roughly: no more than the size is right.
+        assert torque_error(motor.elasticity, part)[joint] < 0.5
+        assert torque_error(encoder.elasticity, part)[joint] < 0.02
+    assert not motor.notices
+
+
+def test_torsion_from_the_motor_side_is_near_the_true_one(arm, apart):
+    found = find_virtual_torsion(apart[0], 1, find_truth(arm[1]))
+    true = apart[0].signals[1].phi
+    error = np.sqrt(np.mean((found - true) ** 2, axis=0)[0] / np.mean(true**2, axis=0)[0])
+    assert error < 0.15
+
+
+def test_one_kind_of_motion_serves_both_procedures_and_a_notice_says_so(problem):
+    fit = fit_independent(problem, encoder=True)
+    assert [notice.code for notice in fit.notices] == ["elastic.one-kind"]
+
+
+def test_thresholds_for_another_number_of_joints_are_refused(arm, run):
+    with pytest.raises(UsageError, match="thresholds are given for 1 joints; the robot has 2"):
+        build(arm[1], [run.recording], ElasticOptions(thresholds=((0.1,),)))
+
+
+def test_given_knees_are_kept(problem):
+    for spring, knees in zip(fit_two_step(problem).elasticity, KNEES, strict=True):
+        assert tuple(knee.threshold for knee in spring.knees) == knees

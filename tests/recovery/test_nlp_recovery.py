@@ -1,0 +1,249 @@
+"""Dynamics, friction and hysteresis of a simulated arm in one problem: recovered, with proof."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symid.codegen.cache import prepare_library
+from symid.elastic.fit import ElasticOutcome
+from symid.elastic.nlp import fit_nlp
+from symid.elastic.nlp_multistart import optimise_from_many
+from symid.elastic.nlp_options import NlpOptions
+from symid.elastic.nlp_solver import find_certificate, optimise_nlp
+from symid.elastic.nlp_starts import find_random_start
+from symid.elastic.options import ElasticOptions
+from symid.elastic.problem import build_problem
+from symid.elastic.signals import prepare_elastic_signals
+from symid.excitation.trajectories import build_tc
+from symid.formats.toml import read_robot
+from symid.joint.plays import find_hysteresis_torque, find_spring_work
+from symid.simulation.elastic_experiment import simulate_elastic
+from symid.simulation.elastic_options import build_clean_options, build_noisy_options
+
+TRUE_PLACES = {
+    "thresholds": ((0.002, 0.005, 0.010), (0.003, 0.008, 0.016)),
+    "knee_torques": ((-3.0, 3.0), (-1.2, 1.2)),
+}
+
+
+@pytest.fixture(scope="module")
+def arm(robots_folder):
+    robot = read_robot(robots_folder / "two_link_elastic.toml")
+    return robot, prepare_library(robot)
+
+
+def build(arm, experiment, options):
+    robot, library = arm
+    run = simulate_elastic(robot, library, build_tc(), experiment, np.random.default_rng(0))
+    return build_problem(library, [prepare_elastic_signals(run.recording, options)], options)
+
+
+@pytest.fixture(scope="module")
+def clean(arm):
+    return build(
+        arm, replace(build_clean_options(), duration=8.0, period=5e-4), ElasticOptions(**TRUE_PLACES)
+    )
+
+
+@pytest.fixture(scope="module")
+def noisy(arm):
+    return build(arm, build_noisy_options(), ElasticOptions())
+
+
+def find_errors(arm, problem, fit):
+    """Return the largest relative error of the dynamic parameters, and that of each joint's torque.
+
+    The springs are compared on the torsion of the recording.
+    """
+    card = arm[1].card
+    truth = np.array([entry.value for entry in (*card.beta, *card.rotors, *card.friction)])
+    known = truth != 0.0
+    errors = np.abs(fit.chi - truth)[known] / truth[known]
+    springs = []
+    for joint, (true, found) in enumerate(zip(card.elasticity, fit.elasticity, strict=True)):
+        phi = problem.signals[0].phi[:, joint]
+        expected = find_hysteresis_torque(true, phi)
+        springs.append(
+            np.linalg.norm(find_hysteresis_torque(found, phi) - expected) / np.linalg.norm(expected)
+        )
+    return errors.max(), np.array(springs)
+
+
+@pytest.mark.parametrize("rows", [("energy",), ("filtered",), ("momentum",), ("energy", "momentum")])
+def test_without_noise_all_rows_give_the_truth(arm, clean, rows):
+    result = fit_nlp(clean, NlpOptions(rows=rows))
+    parameters, springs = find_errors(arm, clean, result.fit)
+    assert result.fit.outcome is ElasticOutcome.CONVERGED
+    assert parameters < 2e-4
+    assert np.all(springs < 2e-4)
+    assert result.run.linear_solver == "mumps"
+    certificate = result.run.certificate
+    assert certificate.kkt < 1e-8
+    assert certificate.violation == 0.0
+    assert certificate.curvature > 0.0
+    assert certificate.active == ()
+
+
+def test_the_work_of_the_knees_is_that_of_the_exact_formula(arm, clean):
+    """Step means stand for the work of the outer function between samples."""
+    result = fit_nlp(clean, NlpOptions(rows=("energy",), rounds=0))
+    (part,), springs = result.cost.recordings, arm[1].card.elasticity
+    signals, rows = clean.signals[0], clean.energy[0]
+    (block,) = part.blocks
+    x = np.array(result.run.x)
+    exact = np.zeros(len(block.values))
+    for joint, (spring, place) in enumerate(zip(springs, result.cost.layout.springs, strict=True)):
+        x[place.weights] = [spring.stiffness, *(stop.stiffness for stop in spring.stops)]
+        x[place.slopes] = 1.0 + spring.knees[0].slope
+        exact += np.diff(find_spring_work(spring, signals.phi[:, joint])[rows.ends])
+    residual = result.cost.find_state(x).residuals[0]
+    expected = block.values - block.matrix @ x[result.cost.layout.dynamics] - exact
+    np.testing.assert_allclose(residual, expected, atol=2e-8)
+
+
+def test_gradient_and_hessian_are_exact(noisy):
+    options = NlpOptions(rows=("energy", "filtered", "momentum"), stribeck=True, smoothing=0.01, rounds=0)
+    cost = fit_nlp(noisy, replace(options, iterations=1)).cost
+    rng = np.random.default_rng(0)
+    layout = cost.layout
+    x = np.array(fit_nlp(noisy, replace(options, iterations=1)).run.x)
+    x = find_random_start(layout, x, rng)
+    x[layout.speed], x[layout.excess] = (0.2, 0.4), (0.3, 0.2)
+    state = cost.find_state(x)
+    gradient, hessian = cost.find_gradient(state), cost.find_hessian(state, x)
+    scales = 1.0 / np.sqrt(np.maximum(np.diag(cost.find_gauss_newton(state)), 1e-12))
+    size = 1e-4 * np.maximum(1e-2, np.abs(x))
+    ends = [[cost.find_state(x + sign * step) for sign in (-1.0, 1.0)] for step in np.diag(size)]
+    values = np.array([cost.find_value(after) - cost.find_value(before) for before, after in ends]) / (
+        2 * size
+    )
+    np.testing.assert_allclose(
+        values * scales, gradient * scales, atol=1e-4 * np.abs(gradient * scales).max()
+    )
+    slopes = np.array([cost.find_gradient(after) - cost.find_gradient(before) for before, after in ends])
+    difference = (slopes / (2 * size)[:, None] - hessian) * scales * scales[:, None]
+    assert np.abs(difference).max() < 1e-3 * np.abs(hessian * scales * scales[:, None]).max()
+    # The second term matters: without it the same comparison fails.
+    bend = (hessian - cost.find_gauss_newton(state)) * scales * scales[:, None]
+    assert np.abs(bend).max() > 100.0 * np.abs(difference).max()
+
+
+def test_stops_and_knees_where_the_data_put_them(arm, noisy):
+    result = fit_nlp(noisy)
+    parameters, springs = find_errors(arm, noisy, result.fit)
+    assert result.run.converged
+    assert parameters < 0.02
+    assert np.all(springs < 0.03)
+    assert result.run.certificate.kkt < 1e-8
+    assert len(result.fit.history) == NlpOptions().rounds + 1
+
+
+def test_a_grid_over_noisy_data_stays_bounded_and_names_what_holds(arm, noisy):
+    result = fit_nlp(replace(noisy, options=replace(noisy.options, refine=False)))
+    parameters, springs = find_errors(arm, noisy, result.fit)
+    assert result.run.converged
+    assert parameters < 0.05
+    assert np.all(springs < 0.1)
+    for spring, stiffness in zip(result.fit.elasticity, result.stiffness, strict=True):
+        weights = [spring.stiffness, *(stop.stiffness for stop in spring.stops)]
+        assert 0.0 < max(weights) < 100.0 * stiffness
+    certificate = result.run.certificate
+    assert certificate.kkt < 1e-8
+    assert certificate.active
+    places = {name: place for place, name in enumerate(result.cost.layout.names)}
+    for bound in certificate.active:
+        limits = result.cost.layout.lower if bound.side == "lower" else result.cost.layout.upper
+        assert bound.value == limits[places[bound.name]]
+        assert bound.multiplier > 0.0
+
+
+def test_fifty_random_starts_end_at_one_optimum(noisy):
+    result = fit_nlp(noisy)
+    many = optimise_from_many(result, 50, np.random.default_rng(5))
+    assert (len(many.agreeing), len(many.others), len(many.failed)) == (50, 0, 0)
+    assert many.best.objective == pytest.approx(result.run.objective, rel=1e-6)
+    for run in many.runs:
+        assert run.start > 2.0 * run.objective
+        assert run.certificate.kkt < 1e-6
+
+
+def test_every_start_on_a_grid_is_accounted_for(noisy):
+    result = fit_nlp(replace(noisy, options=replace(noisy.options, refine=False)))
+    many = optimise_from_many(result, 4, np.random.default_rng(5))
+    assert len(many.agreeing) + len(many.others) + len(many.failed) == 4
+    assert all(run.reason for run in many.runs)
+    assert all(run.objective > many.best.objective * (1.0 + 1e-6) for run in many.others)
+
+
+def test_the_gauss_newton_hessian_ends_at_the_same_optimum(noisy):
+    exact = fit_nlp(noisy)
+    other = optimise_nlp(exact.cost, exact.run.x * 1.05, exact.scales, NlpOptions(hessian="gauss-newton"))
+    assert other.converged
+    assert other.objective == pytest.approx(exact.run.objective, rel=1e-6)
+
+
+def test_a_run_that_does_not_converge_says_so(noisy):
+    result = fit_nlp(noisy, NlpOptions(iterations=2))
+    assert result.fit.outcome is ElasticOutcome.LIMIT
+    assert not result.run.converged
+    assert "Maximum_Iterations_Exceeded" in result.run.reason
+    assert "elastic.nlp-not-converged" in {notice.code for notice in result.fit.notices}
+    many = optimise_from_many(result, 1, np.random.default_rng(1), NlpOptions(iterations=1))
+    assert len(many.failed) == 1
+    assert many.best is many.reference
+
+
+def test_a_point_off_the_optimum_has_no_certificate(noisy):
+    result = fit_nlp(noisy)
+    x = np.array(result.run.x)
+    x[0] *= 1.01
+    assert find_certificate(result.cost, x, result.scales).kkt > 1e-3
+
+
+def test_knees_and_stops_that_are_not_reached_are_named(noisy):
+    options = replace(noisy.options, refine=False, knee_torques=((-40.0, 3.0), (-1.2, 1.2)))
+    problem = replace(noisy, options=options, thresholds=(np.array([0.002, 0.5]), np.array([0.003])))
+    result = fit_nlp(problem, NlpOptions(rows=("momentum",)))
+    texts = [notice.text for notice in result.fit.notices if notice.code == "elastic.nlp-undetermined"]
+    assert len(texts) == 1
+    assert "slope beyond -40 of joint 1" in texts[0]
+    assert "k2 of joint 1" in texts[0]
+    assert [stop.threshold for stop in result.fit.elasticity[0].stops] == [0.002]
+    assert all(knee.threshold > -40.0 for knee in result.fit.elasticity[0].knees)
+
+
+def test_a_limit_that_holds_a_weight_is_said(noisy):
+    result = fit_nlp(noisy, NlpOptions(rows=("momentum",), slopes=(0.99, 1.01)))
+    assert "elastic.nlp-limit" in {notice.code for notice in result.fit.notices}
+
+
+def test_odd_springs_and_their_own_start(noisy):
+    problem = replace(noisy, options=replace(noisy.options, refine=False))
+    first = fit_nlp(problem, NlpOptions(odd=True))
+    for spring in first.fit.elasticity:
+        rising = [(knee.threshold, knee.slope) for knee in spring.knees if knee.threshold > 0]
+        falling = [(-knee.threshold, knee.slope) for knee in reversed(spring.knees) if knee.threshold < 0]
+        np.testing.assert_allclose(rising, falling, rtol=1e-12)
+    # From its own result the same optimum is found, with the stops that were left.
+    again = fit_nlp(problem, NlpOptions(odd=True), first.fit)
+    assert again.run.converged
+    np.testing.assert_allclose(again.fit.chi, first.fit.chi, rtol=0.02, atol=0.01)
+
+
+def test_stribeck_friction_is_found_where_there_is_some(arm, clean):
+    """The motors' torque with Gaussian friction added gives its parameters back."""
+    signals = clean.signals[0]
+    speed = signals.dtheta
+    added = np.array([0.7, 0.3]) * np.exp(-((speed / np.array([0.15, 0.25])) ** 2)) * np.tanh(speed / 0.01)
+    held = np.vstack([(added[1:] + added[:-1]) / 2.0, added[-1:]])
+    options = clean.options
+    problem = build_problem(arm[1], [replace(signals, tau=signals.tau + held)], options)
+    result = fit_nlp(
+        problem, NlpOptions(rows=("momentum",), stribeck=True, smoothing=0.01, speeds=(0.01, 2.0))
+    )
+    layout, x = result.cost.layout, result.run.x
+    assert result.run.converged
+    np.testing.assert_allclose(x[layout.excess], [0.7, 0.3], rtol=5e-3)
+    np.testing.assert_allclose(x[layout.speed], [0.15, 0.25], rtol=5e-3)
+    assert find_errors(arm, clean, result.fit)[0] < 1e-3

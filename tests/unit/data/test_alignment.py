@@ -1,0 +1,149 @@
+"""Delay and offsets of link encoders, against signals of which both are known in closed form."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from symid.data.alignment import align, find_alignment, keep_significant
+from symid.data.encoders import find_encoders, split_blocks
+from symid.data.recording import Recording
+from symid.errors import LogError
+
+RATE = 500.0
+STIFFNESS = np.array([900.0, 300.0])
+
+
+def move(time, seed):
+    """Return a smooth motion and its first two derivatives, (N, 2) each."""
+    rng = np.random.default_rng(seed)
+    frequency, phase = rng.uniform(0.2, 1.5, (2, 4)), rng.uniform(0.0, 6.0, (2, 4))
+    angle = 2.0 * np.pi * frequency * time[:, None, None] + phase
+    w = 2.0 * np.pi * frequency
+    return (
+        0.2 * np.sin(angle).sum(axis=2),
+        0.2 * (w * np.cos(angle)).sum(axis=2),
+        -0.2 * (w**2 * np.sin(angle)).sum(axis=2),
+    )
+
+
+def record(seed, delay, offset, noise=0.0, side="motor_position"):
+    """Return a recording with torsion, friction and rotor, and the torque that bends its joints."""
+    time = np.arange(int(20 * RATE)) / RATE
+    q, dq, ddq = move(time, seed)
+    torque = 4.0 * np.sin(q) + 0.5 * ddq
+    theta = q + torque / STIFFNESS
+    late, _, _ = move(time - delay, seed)
+    link = late - offset + noise * np.random.default_rng(seed).normal(size=q.shape)
+    motor = torque + 1.5 * np.sign(dq) + 3.0 * dq + 0.3 * ddq
+    pair = {"position": link, "motor_position": theta}
+    if side == "link_position":
+        pair = {"position": theta, "link_position": link}
+    recording = Recording(time=time, torque=motor, source=f"run{seed}", **pair)
+    columns = np.stack([torque, np.tanh(dq / 0.02), ddq], axis=2)
+    return recording, columns
+
+
+@pytest.mark.parametrize("delay", [0.003, 0.0, -0.0013])
+@pytest.mark.parametrize("side", ["motor_position", "link_position"])
+def test_delay_and_offsets_of_two_runs(delay, side):
+    offsets = np.array([[1e-3, -2e-3], [2e-3, 0.5e-3]])
+    made = [record(seed, delay, offsets[seed], side=side) for seed in range(2)]
+    found = find_alignment([entry[0] for entry in made], [entry[1] for entry in made])
+    assert found.delay == pytest.approx(delay, abs=2e-6)
+    np.testing.assert_allclose(found.offsets, offsets, atol=3e-6)
+    assert found.sources == ("run0", "run1")
+    np.testing.assert_allclose(found.delays, delay, atol=5e-6)
+
+
+def test_the_deviation_covers_the_error_that_noise_makes():
+    errors = []
+    for seed in range(6):
+        recording, columns = record(seed, 0.002, 0.0, noise=2e-4)
+        found = find_alignment([recording], [columns])
+        errors.append((found.delay - 0.002) / found.delay_std)
+    assert np.sqrt(np.mean(np.square(errors))) < 2.0
+    assert np.max(np.abs(errors)) > 0.05
+
+
+def test_what_is_aligned_has_neither_delay_nor_offset():
+    recording, columns = record(3, 0.0031, np.array([1e-3, 2e-3]))
+    found = find_alignment([recording], [columns])
+    moved = align(recording, found, run=0)
+    truth, _, _ = move(moved.time, 3)
+    np.testing.assert_allclose(moved.position, truth, atol=1e-5)
+    assert len(moved.time) == len(recording.time) - 2
+    (notice,) = moved.notices
+    assert notice.code == "log.aligned"
+    assert "3.1 ms" in notice.text
+
+
+def test_a_joint_without_a_link_encoder_stays_as_it_is():
+    recording, columns = record(1, 0.002, 0.0)
+    dead = recording.position.copy()
+    dead[:, 1] = 0.0
+    recording = Recording(
+        time=recording.time,
+        position=dead,
+        torque=recording.torque,
+        velocity=dead,
+        motor_position=recording.motor_position,
+    )
+    assert find_encoders(recording).present.tolist() == [True, False]
+    found = find_alignment([recording], [columns])
+    assert found.delay == pytest.approx(0.002, abs=2e-6)
+    assert np.isnan(found.offsets[0, 1])
+    assert not align(recording, found, run=0).position[:, 1].any()
+
+
+def test_what_may_be_zero_is_left_alone():
+    recording, columns = record(2, 0.0, 0.0, noise=1e-3)
+    assert keep_significant(find_alignment([recording], [columns])) is None
+    recording, columns = record(2, 0.004, 0.0, noise=1e-4)
+    kept = keep_significant(find_alignment([recording], [columns]))
+    assert kept is not None
+    assert kept.delay == pytest.approx(0.004, abs=1e-4)
+    assert not kept.offsets.any()
+
+
+def test_blocks_share_the_run_without_its_ends():
+    blocks = split_blocks(1000, 0.01, 0.5, 1.0)
+    assert (blocks[0].start, blocks[-1].stop) == (50, 950)
+    assert all(left.stop == right.start for left, right in pairwise(blocks))
+
+
+def test_what_cannot_be_aligned_is_refused():
+    recording, columns = record(0, 0.0, 0.0)
+    one = Recording(time=recording.time, position=recording.position, torque=recording.torque)
+    with pytest.raises(LogError, match="one position a joint") as caught:
+        find_alignment([one], [columns])
+    assert caught.value.notices[0].code == "log.one-encoder"
+    short = Recording(
+        time=recording.time[:900],
+        position=recording.position[:900],
+        motor_position=recording.motor_position[:900],
+        torque=recording.torque[:900],
+    )
+    with pytest.raises(LogError) as caught:
+        find_alignment([short], [columns[:900]])
+    assert caught.value.notices[0].code == "log.short-alignment"
+    still = Recording(
+        time=recording.time,
+        position=np.zeros_like(recording.position),
+        motor_position=recording.motor_position,
+        torque=recording.torque,
+    )
+    with pytest.raises(LogError) as caught:
+        find_alignment([still], [columns])
+    assert caught.value.notices[0].code == "log.no-link-encoder"
+    time = recording.time.copy()
+    time[4000:] += 1.0
+    gap = Recording(
+        time=time,
+        position=recording.position,
+        motor_position=recording.motor_position,
+        torque=recording.torque,
+    )
+    with pytest.raises(LogError) as caught:
+        find_alignment([gap], [columns])
+    assert caught.value.notices[0].code == "log.gap"

@@ -1,0 +1,89 @@
+"""Elastic robots seen from the motor side alone: what is identified, and what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symid.codegen.cache import prepare_library
+from symid.data.recording import Recording
+from symid.elastic.motor_side import build_rigid_variant, find_unseen, has_both_encoders, refuse_elasticity
+from symid.formats.locate import find_robot_file
+from symid.formats.toml import read_robot
+from symid.identification.estimate import Outcome
+from symid.identification.identify import identify_parameters
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return read_robot(find_robot_file("two_link_elastic"))
+
+
+def make_recording(**more):
+    time = np.arange(10_000) * 1e-3
+    w = 2.0 * np.pi * np.array([[0.3, 0.7], [0.45, 1.1]])
+    angle = w * time[:, None, None] + np.array([[0.0, 1.0], [2.0, 0.5]])
+    q = 0.4 * np.sin(angle).sum(axis=2)
+    return Recording(time=time, position=q, torque=np.ones_like(q), source="run", **more)
+
+
+def test_the_rigid_variant_has_its_rotors_among_the_base_parameters(arm):
+    variant = build_rigid_variant(arm)
+    assert not any(variant.elastic)
+    names = {card.name: card.expression for card in prepare_library(variant).card.beta}
+    assert "IA1" in names["ZZR1"]
+    assert not prepare_library(variant).card.rotors
+
+
+def test_what_is_not_seen_is_refused_with_its_reason(arm):
+    unseen = dict(find_unseen(arm))
+    assert list(unseen) == [
+        "stiffness1",
+        "hysteresis1",
+        "IA1 apart from the link",
+        "stiffness2",
+        "hysteresis2",
+        "IA2 apart from the link",
+    ]
+    assert "torsion is not seen" in unseen["stiffness1"]
+    assert "loop" in unseen["hysteresis1"]
+    assert "sum" in unseen["IA1 apart from the link"]
+    assert find_unseen(build_rigid_variant(arm)) == ()
+    mixed = replace(arm, joints=(arm.joints[0], replace(arm.joints[1], elasticity=None)))
+    assert [name for name, _ in find_unseen(mixed, both=True)] == [
+        "stiffness1",
+        "hysteresis1",
+        "IA1 apart from the link",
+    ]
+    assert all("rigid joints besides" in reason for _, reason in find_unseen(mixed, both=True))
+
+
+def test_the_rigid_part_is_identified(arm):
+    variant = build_rigid_variant(arm)
+    library = prepare_library(variant)
+    recording = make_recording()
+    time = recording.time
+    w = 2.0 * np.pi * np.array([[0.3, 0.7], [0.45, 1.1]])
+    angle = w * time[:, None, None] + np.array([[0.0, 1.0], [2.0, 0.5]])
+    dq, ddq = 0.4 * (w * np.cos(angle)).sum(axis=2), -0.4 * (w**2 * np.sin(angle)).sum(axis=2)
+    truth = np.array([card.value for card in library.card.beta])
+    (regressor,) = library.evaluate("torque_regressor", recording.position, dq, ddq)
+    (friction,) = library.evaluate("friction_regressor", dq)
+    values = np.array([card.value for card in library.card.friction])
+    measured = Recording(
+        time=time, position=recording.position, torque=regressor @ truth + friction @ values, source="run"
+    )
+    estimate = refuse_elasticity(identify_parameters(library, [measured], variant.processing), arm)
+    found = estimate.assemble(tuple(card.name for card in library.card.beta))
+    np.testing.assert_allclose(found, truth, atol=2e-3)
+    assert estimate.outcome is Outcome.SOME_REFUSED
+    assert len(estimate.refused) == 6
+    assert estimate.notices[0].code == "elastic.motor-side"
+
+
+def test_one_encoder_is_told_from_two():
+    recording = make_recording()
+    assert not has_both_encoders([recording])
+    both = make_recording(motor_position=recording.position)
+    assert has_both_encoders([both])
+    assert not has_both_encoders([both, recording])

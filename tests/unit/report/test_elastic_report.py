@@ -1,0 +1,436 @@
+import re
+from dataclasses import fields, replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from symid import __version__
+from symid.elastic.estimate import ElasticEstimate, MethodTrial, SpringEstimate
+from symid.elastic.fit import ElasticOutcome, HistoryEntry
+from symid.elastic.tracking import TrackingRun
+from symid.errors import Notice
+from symid.identification.estimate import ParameterEstimate, Residual
+from symid.joint.plays import find_hysteresis_torque
+from symid.report.comparison import Comparison, MethodScore, build_comparison
+from symid.report.elastic import ElasticExtras, ElasticPage, build_elastic_report, write_elastic_report
+from symid.report.elastic_springs import build_spring
+from symid.report.elastic_trial import ElasticTrial, JointTrial
+from symid.report.templates import find_variables
+from symid.report.tracking import Tracking
+from symid.robot.elasticity import Elasticity, Knee, Stop
+
+TEMPLATE = "elastic.html.jinja"
+TRUTH = Elasticity(
+    stiffness=380.0,
+    stops=(Stop(threshold=0.002, stiffness=120.0), Stop(threshold=0.006, stiffness=80.0)),
+    knees=(Knee(threshold=-3.0, slope=0.5), Knee(threshold=3.0, slope=0.5)),
+)
+FOUND = replace(TRUTH, stiffness=399.0)
+REACH = 0.02
+VOID = ("br", "meta", "link", "img", "hr")
+
+
+def build_joint(name):
+    time = np.linspace(0.0, 20.0, 5001)
+    torsion = REACH * np.sin(time) * np.cos(0.31 * time)
+    motor = find_hysteresis_torque(TRUTH, torsion)
+    return JointTrial(
+        joint=name,
+        unit="N m",
+        torsion_unit="rad",
+        time=time,
+        torsion=torsion,
+        motor=motor,
+        link=motor + 0.01 * np.cos(5 * time),
+        final=find_hysteresis_torque(FOUND, torsion),
+        initial=600.0 * torsion,
+        truth=motor,
+    )
+
+
+@pytest.fixture(scope="module")
+def trial():
+    residual = Residual(joint="<one>", norm=1.0, relative_percent=1.5, std=0.02, samples=5001, unit="N m")
+    return ElasticTrial(
+        source="<held out>",
+        joints=(build_joint("<one>"), build_joint("two")),
+        residuals=(("Torque of the motors.", (residual, replace(residual, joint="two"))),),
+    )
+
+
+@pytest.fixture(scope="module")
+def estimate():
+    entry = ParameterEstimate(name="ZZ1", value=0.353, std=0.004, unit="kg m^2", truth=0.35)
+    others = tuple(replace(entry, name=name) for name in ("ZZ2", "IA1"))
+    spring = SpringEstimate(
+        joint="<one>",
+        torque_unit="N m",
+        position_unit="rad",
+        elasticity=FOUND,
+        torsion=REACH,
+        excited=0.006,
+        torque=11.0,
+        truth=TRUTH,
+    )
+    residual = Residual(joint="<one>", norm=1.0, relative_percent=0.8, std=0.02, samples=900, unit="N m")
+    values = (0.353, 1e-4, 0.353, 0.353)
+    trials = (
+        MethodTrial(method="two-step", outcome=ElasticOutcome.CONVERGED, error=1.003, values=values),
+        MethodTrial(
+            method="elimination", outcome=ElasticOutcome.SOLVED, error=1.44, values=(0.4, 0, 0.3, 0.35)
+        ),
+        MethodTrial(method="linear-spring", outcome=ElasticOutcome.FAILED, error=None, values=values),
+    )
+    return ElasticEstimate(
+        robot="arm & hand",
+        signature="abc",
+        method="two-step",
+        reason="it explains <most>",
+        parameters=(entry, replace(entry, name="MY1", value=1e-4, truth=0.0), *others),
+        springs=(spring, replace(spring, joint="two")),
+        residual=(residual, replace(residual, joint="two")),
+        energy=replace(residual, joint="all joints", unit="J"),
+        condition=30.0,
+        outcome=ElasticOutcome.CONVERGED,
+        history=tuple(
+            HistoryEntry(merit=3.0 + 0.1**k, change=0.05**k, norms=(0.07, 20.0 - k, 8.0)) for k in range(1, 5)
+        ),
+        trials=trials,
+        sources=("<fit>",),
+        settings={"stops": 8, "nested": {"rate": 60.0}},
+        covariance=tuple(tuple(row) for row in np.diag(np.full(4, 0.004**2)).tolist()),
+        notices=(Notice(code="elastic.vague", text="said once"),),
+    )
+
+
+@pytest.fixture(scope="module")
+def tracking():
+    time = np.linspace(0.0, 10.0, 4001)
+    wave = np.column_stack([np.sin(3 * time), np.cos(time)])
+    return Tracking(
+        runs=tuple(
+            TrackingRun(name=name, time=time, error=size * wave)
+            for name, size in (("rigid <feed>", 1e-3), ("Case 1", 2e-4), ("Case 2", 4e-4))
+        ),
+        words=("Case 1 is lower.",),
+    )
+
+
+class Reader(HTMLParser):
+    """Keeps tags and links, and finds tags that are not closed."""
+
+    def __init__(self):
+        super().__init__()
+        self.tags, self.links, self.open, self.wrong = [], [], [], []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.links += [value for name, value in attrs if name in ("src", "href")]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, _):
+        self.tags.append(tag)
+
+    def handle_endtag(self, tag):
+        if not self.open or self.open.pop() != tag:
+            self.wrong.append(tag)
+
+
+def read(text):
+    reader = Reader()
+    reader.feed(text)
+    reader.close()
+    return reader
+
+
+def write(folder, *args, **options):
+    return write_elastic_report(folder / "report.html", *args, **options).read_text(encoding="utf-8")
+
+
+def judge(estimate, trial):
+    return build_elastic_report(estimate, ElasticExtras(trials=(trial,)))
+
+
+def list_headings(text):
+    return re.findall(r"<h2>([^<:]*)", text)
+
+
+def test_context_and_template_have_the_same_names():
+    assert find_variables(TEMPLATE) == {field.name for field in fields(ElasticPage)}
+
+
+def test_the_whole_page_is_well_formed_and_needs_nothing_else(tmp_path, estimate, trial, tracking):
+    text = write(tmp_path, estimate, ElasticExtras(trials=(trial,), tracking=tracking))
+    reader = read(text)
+    assert (reader.open, reader.wrong) == ([], [])
+    assert reader.links == []
+    assert "script" not in reader.tags
+    assert "@import" not in text
+    assert "url(" not in text
+    assert "nan" not in re.findall(r'points="[^"]*nan', text)
+    assert reader.tags.count("svg") == 2 * 3 + 2 + 2 + 2 + 2  # loops, springs, methods, iteration, tracking
+    assert reader.tags.count("title") == reader.tags.count("svg") + 1
+    assert text.count("<desc>") == reader.tags.count("svg")
+    assert text.count("<table>") == text.count('<div class="scroll">\n<table>')
+    told = "Hysteresis loops, Springs, Parameters, Methods, Convergence, Tracking"
+    assert ", ".join(list_headings(text)) == f"{told}, Residual of the fit, Notices, Settings"
+
+
+def test_texts_from_files_are_escaped(tmp_path, estimate, trial, tracking):
+    text = write(tmp_path, estimate, ElasticExtras(trials=(trial,), tracking=tracking))
+    for raw in ("<one>", "<held out>", "<most>", "<feed>"):
+        assert raw not in text
+        assert raw.replace("<", "&lt;").replace(">", "&gt;") in text
+    assert "arm &amp; hand" in text
+
+
+def test_the_same_estimate_gives_the_same_bytes(tmp_path, estimate, trial, tracking):
+    extras = ElasticExtras(trials=(trial,), tracking=tracking)
+    first = write_elastic_report(tmp_path / "a.html", estimate, extras).read_bytes()
+    assert write_elastic_report(tmp_path / "b.html", estimate, extras).read_bytes() == first
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["a.html", "b.html"]
+
+
+def test_sections_without_data_are_left_out(tmp_path, estimate):
+    bare = replace(estimate, springs=(), history=(), trials=(), notices=())
+    text = write(tmp_path, bare)
+    assert list_headings(text) == [
+        "Hysteresis loops",
+        "Parameters",
+        "Methods",
+        "Residual of the fit",
+        "Settings",
+    ]
+    assert "No held-out log was given" in text
+    assert "no held-out log has tested them yet" in text
+    assert (read(text).open, read(text).wrong) == ([], [])
+
+
+def test_no_line_has_more_points_than_allowed(tmp_path, estimate, trial, tracking):
+    text = write(tmp_path, estimate, ElasticExtras(trials=(trial,), tracking=tracking))
+    counts = [len(points.split()) for points in re.findall(r'points="([^"]*)"', text)]
+    assert max(counts) <= 2000
+    assert len(counts) > 20
+
+
+def test_errors_against_the_truth_are_told(estimate):
+    page = build_elastic_report(estimate)
+    first, second, *_ = page.parameters
+    assert (first.truth, first.error, first.inside) == ("0.35", "+0.86 %", "yes")
+    # Where the truth is zero there is no relative error.
+    assert (second.truth, second.error) == ("0", "")
+    assert page.has_truth
+
+
+def test_origin_and_notices_are_told(tmp_path, estimate):
+    other = Notice(code="log.converted", text="multiplied by 2", file="a.npz")
+    extras = ElasticExtras(notices=(other, other), origin=("robot arm of arm.toml",))
+    text = write(tmp_path, estimate, extras)
+    assert text.count("a.npz: multiplied by 2") == 1
+    assert "said once" in text
+    assert f"Written by symid {__version__}; robot arm of arm.toml." in text
+
+
+def test_springs_are_compared_by_values_that_thresholds_do_not_change(estimate):
+    section = build_spring(estimate.springs[0])
+    stiff, reversal, secant, loss = section.lines
+    assert (stiff.value, stiff.truth, stiff.error) == ("399", "380", "+5 %")
+    assert (reversal.value, reversal.truth) == ("599", "580")
+    inner = 380 * REACH + 120 * 0.002 + 80 * 0.006
+    assert float(secant.truth) == pytest.approx((inner + 0.5 * (inner - 3.0)) / REACH, rel=1e-3)
+    # Oracle: the area of the closed loop, by the trapezoid.
+    angle = np.linspace(0.0, 5.0 * np.pi / 2.0, 250_001)
+    path = REACH * np.sin(angle)
+    torque = find_hysteresis_torque(TRUTH, path)
+    area = np.trapezoid(torque[50_000:], path[50_000:])
+    assert float(loss.truth) == pytest.approx(area, rel=1e-3)
+    assert section.stops == (("2", "120", "0.24"), ("6", "80", "0.48"))
+    assert section.knees == (("\N{MINUS SIGN}3", "1.5"), ("3", "1.5"))
+    assert section.truth[0] == "True stops: 120 N m/rad at 2 mrad, 80 N m/rad at 6 mrad."
+
+
+def test_what_was_not_excited_is_said(estimate):
+    spring = estimate.springs[0]
+    words = build_spring(spring).words
+    assert words == ("In the logs its torsion reached 20 mrad, its torque 11 N m.",)
+    short = build_spring(replace(spring, torsion=0.005, excited=0.002, torque=2.8))
+    words = " ".join(short.words)
+    assert "\n".join(short.words).count("Stops from 6 mrad on never slipped") == 1
+    assert "True stops from 6 mrad on never slipped" in words
+    assert "Knees that the torque never reached: \N{MINUS SIGN}3, 3 N m" in words
+    plain = replace(spring, elasticity=Elasticity(stiffness=100.0), truth=None)
+    assert "without hysteresis" in build_spring(plain).words[-1]
+
+
+def test_a_spring_that_was_not_turned_is_drawn_as_far_as_it_slips(estimate):
+    spring = replace(estimate.springs[0], torsion=0.0, excited=0.0, torque=0.0)
+    assert "\N{PLUS-MINUS SIGN}7.5 mrad" in build_spring(spring).lines[2].name
+
+
+def test_cubic_and_damped_springs_have_their_lines(estimate):
+    spring = Elasticity(stiffness=100.0, cubic=5e4, damping=0.3)
+    section = build_spring(replace(estimate.springs[0], elasticity=spring, truth=None))
+    assert [(line.name, line.value) for line in section.lines[-2:]] == [
+        ("cubic stiffness", "5e+04"),
+        ("damping", "0.3"),
+    ]
+    assert float(section.lines[3].value) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_methods_are_compared_by_prediction_and_truth(estimate):
+    page = build_elastic_report(estimate)
+    assert page.reason == "It explains <most>."
+    (section,) = page.comparisons
+    assert [line.method for line in section.lines] == ["two-step", "elimination", "linear-spring"]
+    assert [line.chosen for line in section.lines] == [True, False, False]
+    assert section.lines[0].values == ("1.003", "0.8571")
+    assert section.lines[1].values == ("1.44", "14.29")
+    assert section.lines[2].values == ("\N{EN DASH}", "0.8571")
+    assert len(section.figures) == 2
+    unknown = tuple(replace(entry, truth=None) for entry in estimate.parameters)
+    (section,) = build_elastic_report(replace(estimate, parameters=unknown)).comparisons
+    assert section.names == ("prediction error (noise = 1)",)
+
+
+def test_medians_have_their_percentiles_and_failures_are_named(estimate):
+    scores = (
+        MethodScore(method="two-step", middles=(0.5, 0.9), highs=(1.0, float("inf")), chosen=True),
+        MethodScore(method="independent", middles=(float("inf"), 20.0), highs=(float("inf"), 30.0)),
+        MethodScore(method="elimination", middles=(0.7, None), highs=(0.8, None)),
+    )
+    measures = (("parameter error", "%"), ("hysteresis error", "%"))
+    section = build_comparison(Comparison(measures=measures, scores=scores, words=("100 seeds.",)))
+    assert section.lines[0].values == ("0.5 (1)", "0.9 (90th failed)")
+    assert section.lines[1].values == ("failed", "20 (30)")
+    assert section.lines[2].values == ("0.7 (0.8)", "\N{EN DASH}")
+    assert "90th percentile" in section.caption
+    assert not section.has_outcomes
+    assert [caption for caption, _ in section.figures] == [
+        "Parameter error: median, with a line to the 90th percentile.",
+        "Hysteresis error: median, with a line to the 90th percentile.",
+    ]
+    assert build_comparison(Comparison(measures=measures, scores=scores[:1])) is None
+    extras = ElasticExtras(comparisons=(Comparison(measures=measures, scores=scores, words=("A <study>.",)),))
+    assert build_elastic_report(estimate, extras).comparisons[1].words == ("A <study>.",)
+
+
+def test_convergence_survives_iterates_that_ran_away(estimate):
+    history = (*estimate.history, HistoryEntry(merit=float("inf"), change=float("nan")))
+    section = build_elastic_report(
+        replace(estimate, history=history, outcome=ElasticOutcome.DIVERGED)
+    ).convergence
+    assert len(section.rows) == 5
+    assert "ran away" in section.words
+    assert "nan" not in section.course
+    assert section.rows[-1][1:3] == ("inf", "nan")
+    still = tuple(HistoryEntry(merit=0.0, change=0.0) for _ in range(3))
+    section = build_elastic_report(replace(estimate, history=still)).convergence
+    assert (section.course, section.norms) == ("", "")
+    assert build_elastic_report(replace(estimate, history=still[:1])).convergence is None
+
+
+def test_the_iterations_of_another_method_stand_in(estimate):
+    plain = replace(estimate, method="elimination", outcome=ElasticOutcome.SOLVED, history=())
+    assert build_elastic_report(plain).convergence is None
+    section = build_elastic_report(plain, ElasticExtras(iterated=estimate)).convergence
+    assert section.words == "4 iterations of two-step, parameters and residuals no longer changed."
+    own = build_elastic_report(estimate, ElasticExtras(iterated=replace(estimate, method="other")))
+    assert "two-step" in own.convergence.words
+
+
+def test_tracking_has_the_rms_of_every_joint(estimate, tracking):
+    section = build_elastic_report(estimate, ElasticExtras(tracking=tracking)).tracking
+    assert [line.name for line in section.lines] == ["rigid <feed>", "Case 1", "Case 2"]
+    values = np.array([[float(value) for value in line.values] for line in section.lines])
+    expected = np.array([np.sqrt(np.mean(1e6 * run.error**2, axis=0)) for run in tracking.runs])
+    np.testing.assert_allclose(values, expected, rtol=1e-3)
+    assert section.names == ("<one> (mrad)", "two (mrad)")
+    assert build_elastic_report(estimate, ElasticExtras(tracking=Tracking(runs=()))).tracking is None
+
+
+@pytest.mark.parametrize(("share", "level"), [(0.01, "good"), (0.2, "fair"), (0.5, "poor")])
+def test_the_verdict_follows_what_springs_leave(estimate, trial, share, level):
+    joints = tuple(replace(joint, final=(1.0 - share) * joint.motor) for joint in trial.joints)
+    verdict = judge(estimate, replace(trial, joints=joints)).verdict
+    assert verdict.level == level
+    assert f"at most {100 * share:.3g} % of a joint's torque" in verdict.headline
+
+
+def test_linear_springs_that_do_as_well_are_named(estimate, trial):
+    better = judge(estimate, trial).verdict
+    assert any("springs with memory explain more" in text for text in better.details)
+    joints = tuple(replace(joint, final=joint.straight * joint.torsion) for joint in trial.joints)
+    same = judge(estimate, replace(trial, joints=joints)).verdict
+    assert any("explain no more" in text for text in same.details)
+
+
+def test_the_best_linear_spring_is_drawn_where_the_start_is_not_known(estimate, trial):
+    drawn = judge(estimate, trial).trials[0].joints[0].loops
+    assert "linear start" in drawn
+    joints = tuple(replace(joint, initial=None) for joint in trial.joints)
+    assert "best linear spring" in judge(estimate, replace(trial, joints=joints)).trials[0].joints[0].loops
+
+
+def test_the_verdict_without_springs_speaks_of_the_dynamics(estimate, trial):
+    joints = tuple(replace(joint, final=None, initial=None) for joint in trial.joints)
+    page = judge(estimate, replace(trial, joints=joints))
+    assert "at most 1.5 % of a motor's torque" in page.verdict.headline
+    assert any("No spring was found" in text for text in page.verdict.details)
+    assert page.trials[0].joints[0].error == ""
+
+
+@pytest.mark.parametrize(
+    ("outcome", "level"),
+    [(ElasticOutcome.CONVERGED, "good"), (ElasticOutcome.LIMIT, "fair"), (ElasticOutcome.DIVERGED, "poor")],
+)
+def test_the_verdict_follows_how_the_iteration_ended(estimate, trial, outcome, level):
+    good = tuple(replace(joint, final=joint.motor) for joint in trial.joints)
+    verdict = judge(replace(estimate, outcome=outcome), replace(trial, joints=good)).verdict
+    assert verdict.level == level
+
+
+def test_a_log_of_the_fit_is_no_test(estimate, trial):
+    page = judge(estimate, replace(trial, fitted=True))
+    assert page.verdict.level == "fair"
+    assert "no held-out log" in page.verdict.headline
+    assert "no test" in page.trials[0].caption
+
+
+def test_a_truth_that_is_met_within_a_percent_is_met(estimate, trial):
+    sharp = tuple(replace(entry, std=1e-6) for entry in estimate.parameters[2:])
+    kept = (*estimate.parameters[:2], *sharp)
+    good = replace(trial, joints=tuple(replace(joint, final=joint.motor) for joint in trial.joints))
+    verdict = judge(replace(estimate, parameters=kept), good).verdict
+    assert verdict.level == "good"
+    assert any(
+        "largest error of a parameter against its true value is 0.86 % (" in text for text in verdict.details
+    )
+    far = tuple(replace(entry, value=0.36) for entry in sharp)
+    verdict = judge(replace(estimate, parameters=(*kept[:2], *far)), good).verdict
+    assert verdict.level == "fair"
+    assert "ZZ2, IA1" in verdict.headline
+
+
+def test_without_covariance_no_deviation_is_claimed(tmp_path, estimate, trial):
+    page = judge(replace(estimate, covariance=()), trial)
+    assert {(line.std, line.relative, line.inside) for line in page.parameters} == {
+        ("\N{EN DASH}", "\N{EN DASH}", "")
+    }
+    assert not any("standard deviations" in text for text in page.verdict.details)
+
+
+def test_refused_parameters_have_no_value(estimate):
+    page = build_elastic_report(replace(estimate, refused=(("IA1", "it never turned"),)))
+    assert [line.name for line in page.parameters] == ["ZZ1", "MY1", "ZZ2"]
+    assert page.refused == (("IA1", "it never turned"),)
+    assert any("Not known from these logs" in text for text in page.verdict.details)
+
+
+def test_robots_without_truth_have_no_column_for_it(tmp_path, estimate):
+    unknown = tuple(replace(entry, truth=None) for entry in estimate.parameters)
+    springs = tuple(replace(spring, truth=None) for spring in estimate.springs)
+    text = write(tmp_path, replace(estimate, parameters=unknown, springs=springs))
+    assert ">truth<" not in text
+    assert "True stops" not in text

@@ -1,0 +1,185 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symid.codegen.functions import ParameterCard
+from symid.data.recording import Recording
+from symid.elastic.estimate import ElasticEstimate, SpringEstimate
+from symid.elastic.fit import ElasticFit, ElasticOutcome
+from symid.elastic.options import ElasticOptions
+from symid.errors import EstimateError, LogError
+from symid.identification.estimate import ParameterEstimate, Residual
+from symid.identification.validate import find_digest
+from symid.report.elastic_trial import predict_trial, try_estimate
+from symid.robot.elasticity import Elasticity
+from tests.recovery.closed_form import build_one_axis
+
+MASS, ROTOR, STIFFNESS = 40.0, 6.0, 9000.0
+FRICTION = (15.0, 0.0, -3.0)
+PERIOD = 1e-3
+OMEGAS = 2.0 * np.pi * np.array([0.3, 0.7, 1.1])
+
+
+def find_motion(time, order):
+    """Return the derivative of q of an order: a sum of sines."""
+    angle = OMEGAS * time[:, None] + np.array([0.0, 1.0, 2.0]) + order * np.pi / 2.0
+    return (0.2 * OMEGAS**order * np.sin(angle)).sum(axis=1)
+
+
+def build_log(source="log"):
+    """Return what a slide driven through a linear spring shows, the torque held between samples."""
+    time = PERIOD * np.arange(12_001)
+
+    def find_motor(at, order):
+        return find_motion(at, order) + MASS / STIFFNESS * find_motion(at, order + 2)
+
+    middle = time + PERIOD / 2.0
+    torque = (
+        MASS * find_motion(middle, 2)
+        + ROTOR * find_motor(middle, 2)
+        + FRICTION[0] * find_motor(middle, 1)
+        + FRICTION[2]
+    )
+    return Recording(
+        time=time,
+        position=find_motion(time, 0)[:, None],
+        motor_position=find_motor(time, 0)[:, None],
+        torque=torque[:, None],
+        source=source,
+    )
+
+
+@pytest.fixture(scope="module")
+def library():
+    plain = build_one_axis(np.array([MASS, *FRICTION]))
+    rotor = ParameterCard(name="IA1", expression="IA1", unit="kg", reason="turns alone", joint="joint1")
+    card = replace(plain.card, rotors=(rotor,), elasticity=(Elasticity(stiffness=STIFFNESS),))
+    return replace(plain, card=card)
+
+
+def build_fit(stiffness=STIFFNESS, **changes):
+    fit = ElasticFit(
+        method="two-step",
+        beta=np.array([MASS]),
+        rotor=np.array([ROTOR]),
+        friction=np.array(FRICTION),
+        elasticity=(Elasticity(stiffness=stiffness),),
+    )
+    return replace(fit, **changes)
+
+
+def test_true_parameters_leave_nothing(library):
+    trial = predict_trial(library, build_log(), ElasticOptions(cutoff=0.0), build_fit())
+    (joint,) = trial.joints
+    assert (joint.joint, joint.unit, joint.torsion_unit) == ("joint1", "N", "m")
+    scale = np.abs(joint.motor).max()
+    for other in (joint.link, joint.final, STIFFNESS * joint.torsion):
+        np.testing.assert_allclose(other, joint.motor, atol=2e-3 * scale)
+    assert (joint.initial, joint.truth) == (None, None)
+    assert joint.straight == pytest.approx(STIFFNESS, rel=2e-3)
+    assert len(trial.residuals) == 3
+    assert all(entry.relative_percent < 0.2 for _, lines in trial.residuals for entry in lines)
+    assert not trial.fitted
+
+
+def test_a_wrong_spring_is_seen_where_a_spring_takes_part(library):
+    trial = predict_trial(library, build_log(), ElasticOptions(cutoff=0.0), build_fit(1.1 * STIFFNESS))
+    dynamics, motors, links = (lines[0] for _, lines in trial.residuals)
+    assert dynamics.relative_percent < 0.2
+    assert motors.norm == pytest.approx(0.1 * np.linalg.norm(trial.joints[0].motor), rel=0.02)
+    assert links.relative_percent == pytest.approx(10.0, abs=0.2)
+
+
+def test_start_and_truth_are_drawn_where_they_are_known(library):
+    trial = predict_trial(
+        library,
+        build_log(),
+        ElasticOptions(cutoff=0.0),
+        build_fit(),
+        initial=(Elasticity(stiffness=0.5 * STIFFNESS),),
+        truth=(Elasticity(),),
+        fitted=True,
+    )
+    (joint,) = trial.joints
+    np.testing.assert_allclose(joint.initial, 0.5 * joint.final, rtol=1e-12)
+    # A robot file may name a spring without its value.
+    assert joint.truth is None
+    assert trial.fitted
+
+
+def test_a_fit_without_springs_has_no_spring_residuals(library):
+    trial = predict_trial(library, build_log(), ElasticOptions(cutoff=0.0), build_fit(elasticity=()))
+    assert trial.joints[0].final is None
+    assert len(trial.residuals) == 1
+
+
+def test_one_encoder_has_no_torsion(library):
+    log = replace(build_log(), motor_position=None)
+    with pytest.raises(LogError):
+        predict_trial(library, log, ElasticOptions(), build_fit())
+
+
+def build_estimate(**changes):
+    names = ("M1", "IA1", "Fv1", "Fc1", "offset1")
+    values = (MASS, ROTOR, *FRICTION)
+    residual = Residual(joint="joint1", norm=1.0, relative_percent=1.0, std=1.0, samples=9, unit="N")
+    spring = Elasticity(stiffness=STIFFNESS)
+    known = {
+        "robot": "one_axis",
+        "signature": "one_axis-signature",
+        "method": "elimination",
+        "reason": "the method was asked for",
+        "parameters": tuple(
+            ParameterEstimate(name=name, value=value, std=0.1, unit="kg")
+            for name, value in zip(names, values, strict=True)
+        ),
+        "springs": (
+            SpringEstimate(
+                joint="joint1",
+                torque_unit="N",
+                position_unit="m",
+                elasticity=spring,
+                torsion=0.1,
+                excited=0.0,
+                torque=900.0,
+                truth=spring,
+            ),
+        ),
+        "residual": (residual,),
+        "energy": residual,
+        "condition": 10.0,
+        "outcome": ElasticOutcome.SOLVED,
+        "history": (),
+        "trials": (),
+        "sources": ("log",),
+        "settings": {"stops": 8, "rate": 60.0, "cutoff": 0.0, "other": 1},
+    }
+    return ElasticEstimate(**{**known, **changes})
+
+
+def test_an_estimate_is_tried_with_its_own_filters(library):
+    trial = try_estimate(build_estimate(), library, build_log("another"))
+    (joint,) = trial.joints
+    np.testing.assert_array_equal(joint.truth, joint.final)
+    assert all(entry.relative_percent < 0.2 for _, lines in trial.residuals for entry in lines)
+    fast = build_estimate(settings={"stops": 8, "rate": 120.0, "cutoff": 0.0})
+    other = try_estimate(fast, library, build_log("another")).joints[0]
+    lag = np.max(np.abs(other.torsion - joint.torsion))
+    assert lag > 0.02 * np.max(np.abs(joint.torsion))
+
+
+@pytest.mark.parametrize("settings", [{"rate": -1.0}, {"rate": "fast"}, {"cutoff": [1.0]}])
+def test_settings_that_cannot_be_used_are_refused(library, settings):
+    with pytest.raises(EstimateError, match="its settings cannot be used") as caught:
+        try_estimate(build_estimate(settings=settings), library, build_log())
+    assert caught.value.notices[0].code == "estimate.settings"
+
+
+def test_a_log_of_the_fit_is_known_by_path_or_content(library, tmp_path):
+    assert try_estimate(build_estimate(), library, build_log("log")).fitted
+    assert not try_estimate(build_estimate(), library, build_log("")).fitted
+    copy = tmp_path / "copy.npz"
+    copy.write_bytes(b"the same bytes")
+    estimate = build_estimate(settings={"log_digests": [find_digest(str(copy))], "cutoff": 0.0})
+    assert try_estimate(estimate, library, build_log(str(copy))).fitted

@@ -1,0 +1,175 @@
+import xml.etree.ElementTree as ET
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from symid.report.axes import Axis, build_axis, find_legend_height, write_tick
+from symid.report.bars import Interval, build_interval_figure
+from symid.report.figures import build_curve_figure, build_line_figure
+from symid.report.lines import Line, thin_curve
+
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+def parse(text):
+    return ET.fromstring(text)  # noqa: S314  our own text
+
+
+def read_points(element):
+    return np.array([tuple(map(float, point.split(","))) for point in element.get("points").split()])
+
+
+def find_distances(points, x, y):
+    """Return how far each of points (N, 2) lies from the polyline x, y."""
+    start = np.column_stack([x[:-1], y[:-1]])
+    along = np.column_stack([x[1:], y[1:]]) - start
+    lengths = np.maximum(np.sum(along**2, axis=1), 1e-300)
+    offset = points[:, None] - start
+    share = np.clip(np.sum(offset * along, axis=2) / lengths, 0.0, 1.0)
+    return np.linalg.norm(offset - share[..., None] * along, axis=2).min(axis=1)
+
+
+def test_a_thinned_loop_keeps_its_shape():
+    angle = np.linspace(0, 6 * np.pi, 20_001)
+    x, y = 400 + 300 * np.cos(angle), 200 + 90 * np.sin(angle) * np.exp(-0.05 * angle)
+    thin_x, thin_y = thin_curve(x, y)
+    assert len(thin_x) < 400
+    assert (thin_x[0], thin_y[0], thin_x[-1], thin_y[-1]) == (x[0], y[0], x[-1], y[-1])
+    assert find_distances(np.column_stack([x, y])[::7], thin_x, thin_y).max() < 0.15
+
+
+def test_a_thinned_curve_has_its_corners_exactly_and_no_more():
+    corners = np.array([[0.0, 0.0], [50.0, 80.0], [20.0, 10.0], [50.0, 80.0], [0.0, 0.0]])
+    steps = np.linspace(0, 1, 1001)[:, None]
+    parts = [a + steps[1:] * (b - a) for a, b in pairwise(corners)]
+    x, y = np.vstack([corners[:1], *parts]).T
+    np.testing.assert_allclose(np.column_stack(thin_curve(x, y)), corners, atol=1e-12)
+
+
+def test_a_thinned_curve_has_no_more_points_than_allowed():
+    rng = np.random.default_rng(2)
+    x, y = rng.uniform(0, 800, (2, 30_000))
+    assert len(thin_curve(x, y)[0]) == 2000
+    assert len(thin_curve(x, y, 50)[0]) == 50
+    assert len(thin_curve(x[:2], y[:2])[0]) == 2
+
+
+def test_a_curve_at_rest_is_two_points():
+    x, y = thin_curve(np.full(100, 3.0), np.full(100, 4.0))
+    assert (len(x), set(x), set(y)) == (2, {3.0}, {4.0})
+
+
+def test_curves_turn_back_and_stay_in_their_frame():
+    angle = np.linspace(0, 2 * np.pi, 500)
+    lines = [
+        Line(label="measured <1>", style="measured", x=5 * np.cos(angle), y=np.sin(angle)),
+        Line(label="truth", style="truth", x=4 * np.cos(angle), y=0.8 * np.sin(angle)),
+    ]
+    root = parse(build_curve_figure("Loops", "said", ("torsion (mrad)", "torque (N m)"), lines))
+    assert (root.find(f"{SVG}title").text, root.find(f"{SVG}desc").text) == ("Loops", "said")
+    assert {"torsion (mrad)", "torque (N m)", "measured <1>"} <= {e.text for e in root.iter(f"{SVG}text")}
+    first, _ = (read_points(line) for line in root.iter(f"{SVG}polyline"))
+    steps = np.diff(first[:, 0])
+    assert steps.min() < 0.0 < steps.max()
+    height = float(root.get("viewBox").split()[3])
+    assert np.all((first > [74, 14]) & (first < [846, height - 46]))
+
+
+def test_a_logarithmic_axis_has_equal_lengths_for_equal_ratios():
+    x = np.arange(1.0, 5.0)
+    line = Line(label="change", style="first", x=x, y=10.0 ** -np.array([1.0, 3.0, 5.0, 7.0]), markers=True)
+    root = parse(build_line_figure("t", "d", ("iteration", "change"), [line], logarithmic=True, whole=True))
+    points = read_points(root.find(f"{SVG}polyline"))
+    np.testing.assert_allclose(np.diff(points[:, 1], 2), 0, atol=0.21)
+    assert len(list(root.iter(f"{SVG}circle"))) == 4
+    texts = {entry.text for entry in root.iter(f"{SVG}text")}
+    powers = {
+        "0.01",
+        "10\N{SUPERSCRIPT MINUS}\N{SUPERSCRIPT FOUR}",
+        "10\N{SUPERSCRIPT MINUS}\N{SUPERSCRIPT SIX}",
+    }
+    assert texts == {"1", "2", "3", "4", "iteration", "change"} | powers
+
+
+def test_what_a_logarithmic_axis_cannot_show_is_left_out():
+    some = Line(label="a", style="first", x=np.arange(4.0), y=np.array([1.0, 0.0, -1.0, 2.0]))
+    none = Line(label="b", style="second", x=np.arange(2.0), y=np.zeros(2))
+    root = parse(build_line_figure("t", "d", ("x", "y"), [some, none], logarithmic=True))
+    (line,) = root.iter(f"{SVG}polyline")
+    assert len(read_points(line)) == 2
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "expected"),
+    [
+        (1e-7, 3.0, (1e-6, 1e-4, 1e-2, 1.0)),
+        (0.9, 60.0, (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)),
+        (0.5, 200.0, (1.0, 10.0, 100.0)),
+    ],
+)
+def test_logarithmic_ticks_are_round_and_inside(low, high, expected):
+    assert Axis(low=low, high=high, logarithmic=True).find_ticks(5) == expected
+
+
+def test_a_whole_axis_counts():
+    assert Axis(low=0.9, high=3.1, whole=True).find_ticks(8) == (1.0, 2.0, 3.0)
+    assert Axis(low=0.9, high=2.1, whole=True).find_ticks(8) == (1.0, 2.0)
+
+
+def test_a_single_value_still_has_a_logarithmic_axis():
+    axis = build_axis([np.array([0.4])], 0.05, logarithmic=True)
+    assert axis.low < 0.4 < axis.high
+    assert axis.find_ticks(5)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(1e-6, "10⁻⁶"), (2e5, "2×10⁵"), (0.001, "0.001"), (100.0, "100")],  # noqa: RUF001  what a reader sees
+)
+def test_powers_of_ten_are_written_as_such(value, text):
+    assert write_tick(value, logarithmic=True) == text
+
+
+def test_intervals_show_median_and_percentile_and_mark_the_choice():
+    intervals = [
+        Interval(label="linear & plain", middle=8.0, high=11.0, text="8 (11)"),
+        Interval(label="two-step", middle=0.5, high=0.9, text="0.5 (0.9)", chosen=True),
+        Interval(label="single", middle=2.0, text="2"),
+    ]
+    root = parse(build_interval_figure("Errors", "said", "error (%)", intervals))
+    marks = [float(mark.get("cx")) for mark in root.iter(f"{SVG}circle")]
+    ratios = np.log([8.0 / 0.5, 8.0 / 2.0])
+    assert (marks[0] - marks[1]) / (marks[0] - marks[2]) == pytest.approx(ratios[0] / ratios[1], abs=0.01)
+    assert len([path for path in root.iter(f"{SVG}path") if "whisker" in path.get("class")]) == 2
+    assert [mark.get("class") for mark in root.iter(f"{SVG}circle")] == [
+        "mark other",
+        "mark chosen",
+        "mark other",
+    ]
+    assert {"linear & plain", "8 (11)", "error (%)"} <= {entry.text for entry in root.iter(f"{SVG}text")}
+    assert all(0 < mark < 860 for mark in marks)
+
+
+def test_values_alike_have_a_linear_axis_from_zero():
+    intervals = [Interval(label="a", middle=1.0, text="1"), Interval(label="b", middle=2.0, text="2")]
+    root = parse(build_interval_figure("t", "d", "error (%)", intervals))
+    assert "0" in {entry.text for entry in root.iter(f"{SVG}text")}
+    zero = parse(build_interval_figure("t", "d", "x", [Interval(label="a", middle=0.0), intervals[1]]))
+    assert "nan" not in ET.tostring(zero, encoding="unicode")
+
+
+def test_long_legends_take_more_rows():
+    assert find_legend_height(["one"]) == 0.0
+    few, many = (
+        find_legend_height(["one", "two"]),
+        find_legend_height([f"a long label {n}" for n in range(8)]),
+    )
+    assert 0.0 < few < many
+
+
+@pytest.mark.parametrize("logarithmic", [False, True])
+def test_constants_have_figures(logarithmic):
+    line = Line(label="a", style="first", x=np.ones(3), y=np.full(3, 2.0))
+    assert "nan" not in build_line_figure("t", "d", ("x", "y"), [line], logarithmic=logarithmic)
+    assert "nan" not in build_curve_figure("t", "d", ("x", "y"), [line])

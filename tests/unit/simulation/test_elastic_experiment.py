@@ -1,0 +1,404 @@
+"""Experiments with elastic robots: energy, rest at the start, sensors apart from the truth, refusals."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import cumulative_simpson
+
+from symid.codegen.cache import prepare_library
+from symid.errors import SolverError, UsageError
+from symid.excitation.trajectories import (
+    FourierOptions,
+    build_random_fourier,
+    build_scaled,
+    build_ta,
+    build_tb,
+    build_tc,
+)
+from symid.formats.toml import read_robot
+from symid.joint.plays import find_hysteresis_torque, find_spring_work
+from symid.robot.description import FrictionKind, FrictionValues, Limits
+from symid.robot.elasticity import Elasticity, Stop
+from symid.simulation.elastic_experiment import simulate_elastic
+from symid.simulation.elastic_options import (
+    ElasticExperimentOptions,
+    MotorReference,
+    build_clean_options,
+    build_noisy_options,
+)
+from symid.simulation.elastic_run import observe
+from symid.simulation.elastic_sensors import ElasticSensors
+from symid.simulation.elastic_values import build_plant_robot, find_elastic_values
+from symid.simulation.experiment import ExperimentOptions, simulate_experiment
+from symid.simulation.gains import Gains, find_gains
+from symid.simulation.rest import find_rest
+
+CLEAN = build_clean_options()
+FAST = build_scaled(build_ta(duration=8.0), 10.0)
+
+
+def simulate(robot, library, trajectory=FAST, options=CLEAN, seed=0, **others):
+    return simulate_elastic(robot, library, trajectory, options, np.random.default_rng(seed), **others)
+
+
+@pytest.fixture(scope="module")
+def fast(elastic_robot, elastic_library):
+    """Return a clean run of ten times (TA)."""
+    return simulate(elastic_robot, elastic_library)
+
+
+@pytest.fixture(scope="module")
+def noisy(elastic_robot, elastic_library):
+    """Return a noisy run of (TC)."""
+    return simulate(elastic_robot, elastic_library, build_tc(duration=6.0), build_noisy_options())
+
+
+def change_joints(robot, **changes):
+    return replace(robot, joints=tuple(replace(joint, **changes) for joint in robot.joints))
+
+
+def find_smooth_losses(run):
+    """Return what friction took until each sample, from samples of the true speed alone."""
+    Fv, Fc = np.array([1.0, 0.5]), np.array([1.5, 0.6])
+    power = (Fv * run.dtheta + Fc * np.tanh(run.dtheta / 0.01)) * run.dtheta
+    return cumulative_simpson(power, dx=run.recording.period, axis=0, initial=0.0)
+
+
+@pytest.mark.parametrize(
+    "trajectory", [FAST, build_ta(duration=8.0), build_tb(0, duration=12.0), build_tb(1, duration=12.0)]
+)
+def test_energy_balance_of_windows_with_sums_and_plays_of_the_log(elastic_robot, elastic_library, trajectory):
+    # Everything from what a perfect log holds, with exact sums, by code that knows no simulator.
+    run = simulate(elastic_robot, elastic_library, trajectory)
+    work = np.cumsum(run.torque[:-1] * np.diff(run.theta, axis=0), axis=0).sum(axis=1)
+    springs = [
+        find_spring_work(joint.elasticity, np.ascontiguousarray(run.phi[:, index]))
+        for index, joint in enumerate(elastic_robot.axes)
+    ]
+    energy = run.kinetic + run.potential + run.spin
+    gap = np.concatenate([[0.0], work]) - (energy - energy[0]) - np.sum(springs, axis=0)
+    gap -= run.friction.sum(axis=1)
+    window = 500
+    assert np.abs(gap[window:] - gap[:-window]).max() < 1e-6
+    assert run.find_window_gap(0.1) < 1e-9
+    assert run.energy_gap < 1e-8
+    assert run.relative_gap < 1e-9
+
+
+def test_friction_takes_what_its_power_adds_up_to(elastic_robot, elastic_library, fast):
+    slow = simulate(elastic_robot, elastic_library, build_ta(duration=8.0))
+    np.testing.assert_allclose(slow.friction, find_smooth_losses(slow), atol=2e-6)
+    # Ten times as fast, friction changes its sign within two samples of the log.
+    np.testing.assert_allclose(fast.friction, find_smooth_losses(fast), atol=1e-4)
+
+
+def test_the_joint_torque_is_that_of_the_hysteresis_model(elastic_robot, fast):
+    for index, joint in enumerate(elastic_robot.axes):
+        torque = find_hysteresis_torque(joint.elasticity, np.ascontiguousarray(fast.phi[:, index]))
+        # Torsion turns between samples: the plays of the samples miss the last bit of the way.
+        np.testing.assert_allclose(fast.joint_torque[:, index], torque, atol=1e-5)
+
+
+def test_the_gap_sees_a_wrong_spring_and_a_wrong_friction(fast):
+    assert replace(fast, spring=1.01 * fast.spring).find_window_gap(0.1) > 1e-4
+    assert replace(fast, friction=1.01 * fast.friction).energy_gap > 1e-4
+
+
+def test_the_motors_follow(fast):
+    assert np.abs(fast.theta - fast.desired).max() < 0.02
+    assert np.abs(fast.phi).max(axis=0).min() > 0.016
+
+
+def test_nothing_jumps_at_the_start_of_a_robot_that_carries_its_weight(elastic_robot, elastic_library):
+    lying = replace(build_tc(duration=2.0), centre=np.array([1.2, -0.4]))
+    run = simulate(elastic_robot, elastic_library, lying)
+    weight = elastic_library.evaluate("gravity", run.q[:1], run.values.beta)[0][0]
+    assert np.all(np.abs(weight) > 1.0)
+    np.testing.assert_allclose(run.joint_torque[0], weight, rtol=1e-12)
+    np.testing.assert_allclose(run.torque[0], weight, rtol=1e-12)
+    np.testing.assert_array_equal(run.q[0], lying.centre)
+    # The ramp moves by less than 1e-9 rad in the first ticks, and so does the robot.
+    assert np.abs(run.dq[:20]).max() < 1e-6
+    assert np.abs(run.dtheta[:20]).max() < 1e-4
+    torque = find_hysteresis_torque(elastic_robot.axes[0].elasticity, run.phi[:1, 0])
+    assert torque[0] == pytest.approx(weight[0], rel=1e-9)
+
+
+def test_friction_with_an_offset_is_carried_from_the_first_tick(elastic_robot, elastic_library):
+    values = find_elastic_values(elastic_robot, elastic_library.card)
+    run = simulate(elastic_robot, elastic_library, build_tc(duration=0.2), values=values)
+    np.testing.assert_array_equal(run.torque[0], [0.0, 0.0])
+
+
+def test_the_log_is_the_truth_when_sensors_are_perfect(fast):
+    recording = fast.recording
+    np.testing.assert_array_equal(recording.position, fast.q)
+    np.testing.assert_array_equal(recording.motor_position, fast.theta)
+    np.testing.assert_array_equal(recording.torque, fast.torque)
+    assert recording.period == pytest.approx(2e-4)
+    assert "times 10" in recording.source
+
+
+def test_noisy_sensors_round_positions_and_add_relative_noise(noisy):
+    step = 2.0 * np.pi / 2.0**20
+    for values in (noisy.recording.position, noisy.recording.motor_position):
+        np.testing.assert_allclose(values / step, np.round(values / step), atol=1e-6)
+    rms = np.sqrt((noisy.torque**2).mean(axis=0))
+    ratio = (noisy.recording.torque - noisy.torque).std(axis=0) / rms
+    np.testing.assert_allclose(ratio, 0.02, rtol=0.05)
+    assert noisy.recording.period == pytest.approx(1e-3)
+
+
+def test_one_truth_gives_many_logs(noisy):
+    again = [observe(noisy, build_noisy_options().sensors, np.random.default_rng(seed)) for seed in (0, 0, 5)]
+    assert again[0].torque.tobytes() == again[1].torque.tobytes() == noisy.recording.torque.tobytes()
+    assert again[2].torque.tobytes() != again[0].torque.tobytes()
+    assert again[2].position.tobytes() == again[0].position.tobytes()
+
+
+def test_delays_offsets_and_noise_of_sensors(fast):
+    rng = np.random.default_rng(2)
+    late = observe(fast, ElasticSensors(delay=0.00315, link_offset=(0.01, -0.02)), rng)
+    wanted = [np.interp(fast.time - 0.00315, fast.time, column) for column in fast.q.T]
+    shifted = np.stack(wanted, axis=1) + np.array([0.01, -0.02])
+    np.testing.assert_allclose(late.position, shifted, atol=1e-15)
+    np.testing.assert_array_equal(late.motor_position, fast.theta)
+    early = observe(fast, ElasticSensors(delay=-0.001, motor_offset=(0.5,)), rng)
+    np.testing.assert_array_equal(early.position, fast.q)
+    np.testing.assert_allclose(early.motor_position[5:], fast.theta[:-5] + 0.5, atol=1e-12)
+    loud = observe(fast, ElasticSensors(torque_noise=(0.5, 2.0)), rng)
+    np.testing.assert_allclose((loud.torque - fast.torque).std(axis=0), [0.5, 2.0], rtol=0.03)
+
+
+def test_the_same_seed_gives_the_same_bytes(elastic_robot, elastic_library):
+    runs = [
+        simulate(elastic_robot, elastic_library, build_ta(duration=0.5), build_noisy_options(), seed)
+        for seed in (7, 7, 8)
+    ]
+    first, second, third = (run.recording.torque.tobytes() for run in runs)
+    assert first == second != third
+    assert runs[0].q.tobytes() == runs[2].q.tobytes()
+
+
+def test_references_of_ones_own(elastic_robot, elastic_library):
+    plain = simulate(elastic_robot, elastic_library, build_ta(duration=1.0))
+    trajectory = build_ta(duration=1.0)
+    angle, speed, _ = trajectory.evaluate(plain.time)
+    zero = np.zeros_like(angle)
+    same = simulate(
+        elastic_robot,
+        elastic_library,
+        trajectory,
+        reference=MotorReference(angle=angle, speed=speed, torque=zero),
+    )
+    np.testing.assert_array_equal(same.theta, plain.theta)
+    pushed = simulate(
+        elastic_robot,
+        elastic_library,
+        trajectory,
+        reference=MotorReference(angle=angle, speed=speed, torque=zero + 0.1),
+    )
+    assert np.abs(pushed.theta - plain.theta).max() > 1e-5
+    with pytest.raises(UsageError, match="reference torque: expected the shape") as caught:
+        simulate(
+            elastic_robot,
+            elastic_library,
+            trajectory,
+            reference=MotorReference(angle=angle, speed=speed, torque=zero[:5]),
+        )
+    assert caught.value.notices[0].code == "usage.experiment"
+
+
+def test_torque_limits_hold_and_are_said(elastic_robot, elastic_library):
+    weak = change_joints(elastic_robot, limits=Limits(torque=2.0))
+    run = simulate(weak, elastic_library, build_ta(duration=3.0))
+    assert np.abs(run.torque).max(axis=0)[0] == 2.0
+    assert "simulate.saturation" in {notice.code for notice in run.recording.notices}
+
+
+def test_gains_damp_critically_and_respect_the_hold():
+    mass, rotor = np.array([[[0.9, 0.2], [0.2, 0.1]]]), np.array([0.3, 0.001])
+    inertia = 1.0 / np.diagonal(np.linalg.inv(mass[0] + np.diag(rotor)))
+    gains = find_gains(mass, rotor, 5.0, 1e-3)
+    pole = 10.0 * np.pi
+    assert gains.stiffness[0] == pytest.approx(pole**2 * inertia[0])
+    assert gains.damping[0] == pytest.approx(2.0 * pole * inertia[0])
+    # The light rotor of joint 2 would be shaken by its own held torque.
+    assert gains.damping[1] == pytest.approx(0.4 * 0.001 / 1e-3)
+    assert gains.stiffness[1] == pytest.approx(gains.damping[1] ** 2 / (4.0 * inertia[1]))
+
+
+def test_gains_by_bandwidth_move_a_robot_that_has_none_of_its_own(elastic_robot, elastic_library):
+    other = replace(elastic_robot, name="another")
+    run = simulate(other, elastic_library, build_ta(duration=3.0), build_noisy_options())
+    assert np.abs(run.theta - run.desired).max() < 0.02
+
+
+def test_springs_at_rest_carry_the_load_along_the_virgin_curve(elastic_robot, elastic_library):
+    robot = build_plant_robot(find_elastic_values(elastic_robot, elastic_library.card))
+    rest = find_rest(robot, np.array([12.0, -3.0]), ("a", "b"))
+    assert np.sign(rest.phi).tolist() == [1.0, -1.0]
+    for index, load in enumerate((12.0, -3.0)):
+        torque = find_hysteresis_torque(elastic_robot.axes[index].elasticity, rest.phi[index : index + 1])
+        assert torque[0] == pytest.approx(load, rel=1e-12)
+        ahead = np.abs(rest.phi[index]) - robot.radius[index]
+        np.testing.assert_allclose(np.abs(rest.play[index]), np.maximum(ahead, 0.0))
+    idle = find_rest(robot, np.zeros(2), ("a", "b"))
+    np.testing.assert_array_equal(idle.phi, [0.0, 0.0])
+    np.testing.assert_array_equal(idle.play, np.zeros((2, 3)))
+
+
+def test_a_spring_that_gives_way_is_an_error(elastic_robot, elastic_library):
+    values = find_elastic_values(elastic_robot, elastic_library.card)
+    soft = tuple(replace(spring, cubic=-1e5, knees=()) for spring in values.elasticity)
+    robot = build_plant_robot(replace(values, elasticity=soft))
+    with pytest.raises(SolverError, match="springs of hip cannot carry the weight") as caught:
+        find_rest(robot, np.array([500.0, 0.0]), ("hip", "knee"))
+    assert caught.value.notices[0].code == "simulate.weak-spring"
+
+
+def test_an_unstable_loop_is_an_error_with_a_remedy(elastic_robot, elastic_library):
+    wild = replace(CLEAN, gains=Gains(stiffness=(4000.0, 1500.0), damping=(1e5, 1e5)))
+    free = change_joints(elastic_robot, limits=Limits())
+    with pytest.raises(SolverError, match="lower the bandwidth") as caught:
+        simulate(free, elastic_library, build_ta(duration=2.0), wild)
+    assert caught.value.notices[0].code == "simulate.unstable"
+
+
+def test_a_robot_without_inertia_is_an_error(elastic_robot, elastic_library):
+    values = find_elastic_values(elastic_robot, elastic_library.card)
+    light = replace(values, beta=np.zeros_like(values.beta))
+    with pytest.raises(SolverError, match="without inertia") as caught:
+        simulate(elastic_robot, elastic_library, values=light)
+    assert caught.value.notices[0].code == "simulate.massless"
+
+
+def test_a_robot_that_is_elastic_in_part_is_refused(elastic_robot, elastic_library):
+    part = replace(
+        elastic_robot,
+        joints=(elastic_robot.joints[0], replace(elastic_robot.joints[1], elasticity=None)),
+    )
+    library = WithCard(elastic_library, elasticity=(elastic_robot.joints[0].elasticity, None))
+    with pytest.raises(UsageError, match=r"not elastic in every joint \(elbow do not give\)") as caught:
+        simulate(part, library)
+    assert caught.value.notices[0].code == "usage.not-elastic"
+
+
+def test_an_elastic_robot_is_none_of_the_rigid_simulation(elastic_robot, elastic_library):
+    with pytest.raises(UsageError, match="simulate it as an elastic robot") as caught:
+        simulate_experiment(
+            elastic_robot, elastic_library, FAST, ExperimentOptions(), np.random.default_rng(0)
+        )
+    assert caught.value.notices[0].code == "usage.elastic-robot"
+
+
+class WithCard:
+    """A library whose card says something else."""
+
+    def __init__(self, library, **changes):
+        self._library, self.card = library, replace(library.card, **changes)
+
+    def __getattr__(self, name):
+        return getattr(self._library, name)
+
+
+def test_all_values_that_are_missing_are_said_at_once(elastic_robot, elastic_library):
+    card = elastic_library.card
+    library = WithCard(
+        elastic_library,
+        rotors=card.rotors[:1],
+        friction=(replace(card.friction[0], value=None), *card.friction[1:]),
+        elasticity=(card.elasticity[0], Elasticity(stiffness=10.0, stops=(Stop(threshold=0.1),))),
+    )
+    with pytest.raises(UsageError) as caught:
+        simulate(elastic_robot, library)
+    (notice,) = caught.value.notices
+    assert notice.code == "usage.unknown-values"
+    for part in ("Fv1", "rotor_inertia of 'elbow'", "stiffness of 'elbow' and of its stops"):
+        assert part in notice.text
+
+
+def test_values_that_no_plant_can_have_are_refused(elastic_robot, elastic_library):
+    card = elastic_library.card
+    library = WithCard(
+        elastic_library,
+        rotors=(replace(card.rotors[0], value=0.0), card.rotors[1]),
+        elasticity=(card.elasticity[0], Elasticity(stiffness=0.0)),
+    )
+    with pytest.raises(UsageError) as caught:
+        simulate(elastic_robot, library)
+    assert {notice.code for notice in caught.value.notices} == {"usage.not-positive"}
+    assert "rotor_inertia of shoulder" in str(caught.value)
+    assert "stiffness of elbow" in str(caught.value)
+
+
+def test_dry_friction_that_jumps_is_refused(elastic_robot, elastic_library):
+    sharp = change_joints(
+        elastic_robot, friction=FrictionValues(kind=FrictionKind.VISCOUS_COULOMB, values=(1.0, 1.5))
+    )
+    with pytest.raises(UsageError, match="Fc1, Fc2 changes its sign at once") as caught:
+        simulate(sharp, elastic_library)
+    assert caught.value.notices[0].code == "usage.sharp-friction"
+    assert "smoothing" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "text"),
+    [
+        (replace(CLEAN, period=0.0), "usage.experiment", "period must be positive"),
+        (replace(CLEAN, step=0.0), "usage.experiment", "step and the counts must be positive"),
+        (replace(CLEAN, parts=0), "usage.experiment", "one part at least"),
+        (replace(CLEAN, duration=np.nan), "usage.experiment", "duration nan"),
+        (
+            replace(CLEAN, gains=Gains(stiffness=(1.0,), damping=(1.0, 1.0))),
+            "usage.experiment",
+            "1 numbers for 2",
+        ),
+        (
+            replace(CLEAN, sensors=ElasticSensors(link_counts=0.0)),
+            "usage.sensor-counts",
+            "link_counts: must be positive",
+        ),
+        (replace(CLEAN, sensors=ElasticSensors(delay=np.inf)), "usage.sensor-delay", "must be finite"),
+        (
+            replace(CLEAN, sensors=ElasticSensors(motor_offset=(0.0, 0.0, 0.0))),
+            "usage.sensor-offset",
+            "one number for all or 2",
+        ),
+        (
+            replace(CLEAN, sensors=ElasticSensors(relative_noise=(-0.1,))),
+            "usage.sensor-noise",
+            "none negative",
+        ),
+    ],
+)
+def test_options_that_cannot_be(elastic_robot, elastic_library, options, code, text):
+    with pytest.raises(UsageError, match=text) as caught:
+        simulate(elastic_robot, elastic_library, options=options)
+    assert code in {notice.code for notice in caught.value.notices}
+
+
+def test_a_trajectory_of_other_joints_is_refused(elastic_robot, elastic_library):
+    with pytest.raises(UsageError, match="the trajectory 3"):
+        simulate(elastic_robot, elastic_library, build_tc(size=3))
+
+
+def test_defaults_are_those_of_a_noisy_clock_with_perfect_sensors():
+    options = ElasticExperimentOptions()
+    assert (options.period, options.control_counts) == (1e-3, None)
+    assert options.sensors == ElasticSensors()
+
+
+@pytest.mark.parametrize("name", ["two_link_harmonic", "puma560_elastic"])
+def test_other_elastic_robots_of_the_shelf(robots_folder, c_compiler, name):
+    robot = read_robot(robots_folder / f"{name}.toml")
+    library = prepare_library(
+        robot, names=("forward_dynamics", "mass_matrix", "gravity", "energy", "friction")
+    )
+    trajectory = build_random_fourier(robot, np.random.default_rng(3), FourierOptions(duration=3.0))
+    run = simulate(robot, library, trajectory, build_noisy_options())
+    assert run.backend == "c"
+    assert run.relative_gap < 1e-9
+    assert run.find_window_gap(0.1) < 1e-6
+    assert np.abs(run.theta - run.desired).max() < 0.05

@@ -1,0 +1,317 @@
+"""The elastic plant against an event-driven integrator, closed forms, its NumPy twin, fine quadrature."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+from symid.codegen.plant_code import has_addresses, load_plant_code
+from symid.codegen.plant_orders import PlantOrder
+from symid.simulation import elastic_plant
+from symid.simulation.elastic_numpy import Springs, simulate_in_numpy
+from symid.simulation.elastic_plant import find_substeps, simulate_plant
+from symid.simulation.elastic_values import build_plant_robot, find_elastic_values
+
+# The arm of the robot file in closed form, hanging down at q = 0.
+L, G, ZZ1, ZZ2, MX1, MX2 = 0.3, 9.81, 0.35, 0.06, 0.9, 0.25
+B, FV, FC, V0 = np.array([0.25, 0.05]), np.array([1.0, 0.5]), np.array([1.5, 0.6]), 0.01
+K0 = np.array([380.0, 90.0])
+RADIUS = np.array([[0.002, 0.005, 0.010], [0.003, 0.008, 0.016]])
+WEIGHT = np.array([[120.0, 60.0, 40.0], [30.0, 20.0, 10.0]])
+KNEE, SLOPE = np.array([3.0, 1.2]), np.array([0.5, 0.6])
+
+
+def find_mass(q):
+    c = L * MX2 * np.cos(q[1])
+    return np.array([[ZZ1 + ZZ2 + 2.0 * c, ZZ2 + c], [ZZ2 + c, ZZ2]])
+
+
+def find_bias(q, dq):
+    h, last = L * MX2 * np.sin(q[1]), G * MX2 * np.sin(q[0] + q[1])
+    coriolis = np.array([-h * dq[1] * (2.0 * dq[0] + dq[1]), h * dq[0] ** 2])
+    return coriolis + np.array([G * MX1 * np.sin(q[0]) + last, last])
+
+
+def find_spring(phi, play):
+    v = K0 * phi + (WEIGHT * np.clip(phi[:, None] - play, -RADIUS, RADIUS)).sum(axis=1)
+    return v + SLOPE * np.sign(v) * np.maximum(np.abs(v) - KNEE, 0.0)
+
+
+def find_slope(x, play, torque):
+    q, dq, theta, dtheta = x.reshape(4, 2)
+    spring = find_spring(theta - q, play)
+    friction = FV * dtheta + FC * np.tanh(dtheta / V0)
+    ddq = np.linalg.solve(find_mass(q), spring - find_bias(q, dq))
+    return np.concatenate([dq, ddq, dtheta, (torque - spring - friction) / B])
+
+
+def hold(x, play, torque, duration):
+    """Integrate while `torque` holds, stopping wherever a torsion turns to move the plays."""
+    start = 0.0
+    while start < duration:
+        rate = x[6:] - x[2:4]
+        slope = find_slope(x, play, torque)
+        way = np.where(np.abs(rate) > 1e-9, np.sign(rate), np.sign(slope[6:] - slope[2:4]))
+        events = []
+        for joint in range(2):
+
+            def turns(_t, y, joint=joint):
+                return y[6 + joint] - y[2 + joint]
+
+            turns.terminal, turns.direction = True, -way[joint]
+            events.append(turns)
+        found = solve_ivp(
+            lambda _t, y, play=play: find_slope(y, play, torque),
+            (start, duration),
+            x,
+            method="DOP853",
+            rtol=1e-11,
+            atol=1e-13,
+            events=events,
+        )
+        x, start = found.y[:, -1], found.t[-1]
+        phi = (x[4:6] - x[:2])[:, None]
+        play = phi - np.clip(phi - play, -RADIUS, RADIUS)
+    return x, play
+
+
+def follow(ticks, period):
+    """Return references that shake both joints hard from rest."""
+    t = np.arange(ticks) * period
+    ramp = np.clip(t / 0.1, 0.0, 1.0) ** 3
+    angle = np.stack([0.1 * ramp * np.sin(45.0 * t), 0.1 * ramp * np.sin(60.0 * t + 1.0)], axis=1)
+    return angle, np.gradient(angle, period, axis=0)
+
+
+def order_run(ticks=250, period=1e-3, substeps=10, parts=16, **changes):
+    angle, speed = follow(ticks, period)
+    order = PlantOrder(
+        angle=angle,
+        speed=speed,
+        torque=np.zeros_like(angle),
+        stiffness=np.array([4000.0, 1500.0]),
+        damping=np.array([120.0, 40.0]),
+        limit=np.array([np.inf, np.inf]),
+        step=np.zeros(2),
+        period=period,
+        substeps=substeps,
+        parts=parts,
+        q=np.zeros(2),
+        theta=np.zeros(2),
+        play=np.zeros((2, 3)),
+    )
+    return replace(order, **changes)
+
+
+@pytest.fixture(scope="module")
+def values(elastic_robot, elastic_library):
+    return find_elastic_values(elastic_robot, elastic_library.card)
+
+
+@pytest.fixture(scope="module")
+def numbers(values):
+    return build_plant_robot(values)
+
+
+@pytest.fixture(scope="module")
+def plant():
+    return load_plant_code()
+
+
+@pytest.fixture(scope="module")
+def truth():
+    """Return the states at the ticks of `order_run()`, by an adaptive integrator that looks for turns."""
+    order = order_run()
+    x, play, states = np.zeros(8), np.zeros((2, 3)), []
+    for angle, speed in zip(order.angle, order.speed, strict=True):
+        states.append(x)
+        torque = order.stiffness * (angle - x[4:6]) + order.damping * (speed - x[6:])
+        x, play = hold(x, play, torque, order.period)
+    return np.array(states)
+
+
+def stack(log):
+    return np.hstack([log.q, log.dq, log.theta, log.dtheta])
+
+
+def test_the_plant_agrees_with_an_event_driven_integrator(plant, elastic_library, numbers, truth):
+    log = plant.run(elastic_library, numbers, order_run())
+    # The torsion reaches every stop and both knees, and turns.
+    phi = log.theta - log.q
+    assert np.all(np.abs(phi).max(axis=0) > RADIUS[:, -1])
+    assert np.all(np.abs(log.spring).max(axis=0) > KNEE)
+    assert np.all((np.diff(np.sign(np.diff(phi, axis=0)), axis=0) != 0).sum(axis=0) > 3)
+    positions, speeds = [0, 1, 4, 5], [2, 3, 6, 7]
+    gap = np.abs(stack(log) - truth)
+    assert gap[:, positions].max() < 3e-7
+    assert gap[:, speeds].max() < 2e-4
+    log = plant.run(elastic_library, numbers, order_run(substeps=40))
+    gap = np.abs(stack(log) - truth)
+    assert gap[:, positions].max() < 5e-10
+    assert gap[:, speeds].max() < 5e-7
+
+
+def test_steps_in_parts_keep_the_order_of_the_method(plant, elastic_library, numbers, truth):
+    def find_gap(substeps, parts):
+        log = plant.run(elastic_library, numbers, order_run(substeps=substeps, parts=parts))
+        return np.abs(log.q - truth[:, :2]).max()
+
+    # Bends of the springs alone would leave the second order; friction over 0.01 rad/s wants short steps.
+    assert find_gap(20, 16) > 10.0 * find_gap(40, 16)
+    assert find_gap(40, 1) > 20.0 * find_gap(40, 16)
+
+
+def test_numpy_and_compiled_plant_agree(plant, elastic_library, numbers, values):
+    cubic = tuple(replace(spring, cubic=2e5, damping=0.4) for spring in values.elasticity)
+    for robot in (numbers, build_plant_robot(replace(values, elasticity=cubic))):
+        order = order_run(ticks=120, step=np.full(2, 1e-4), limit=np.array([9.0, 2.5]), substeps=4)
+        fast, slow = (
+            plant.run(elastic_library, robot, order),
+            simulate_in_numpy(elastic_library, robot, order),
+        )
+        assert fast.ticks == slow.ticks == order.ticks
+        for name in (
+            "q",
+            "dq",
+            "theta",
+            "dtheta",
+            "spring",
+            "torque",
+            "work",
+            "friction",
+            "elastic",
+            "damped",
+        ):
+            np.testing.assert_allclose(getattr(fast, name), getattr(slow, name), atol=1e-10, err_msg=name)
+        assert np.abs(fast.torque).max(axis=0).tolist() == [9.0, 2.5]
+
+
+def test_small_free_oscillations_have_the_eigenfrequencies_of_the_linear_robot(
+    plant, elastic_library, values
+):
+    springs = tuple(replace(spring, stops=(), knees=()) for spring in values.elasticity)
+    linear = replace(values, elasticity=springs, friction=np.zeros(4))
+    robot = build_plant_robot(linear)
+    start = np.array([1e-6, -2e-6, 3e-6, 1e-6])
+    order = order_run(
+        ticks=500,
+        angle=np.zeros((500, 2)),
+        speed=np.zeros((500, 2)),
+        torque=np.zeros((500, 2)),
+        stiffness=np.zeros(2),
+        damping=np.zeros(2),
+        q=start[:2],
+        theta=start[2:],
+        play=np.zeros((2, 0)),
+    )
+    log = plant.run(elastic_library, robot, order)
+    stiffness = np.diag(K0)
+    fall = G * np.array([[MX1 + MX2, MX2], [MX2, MX2]])
+    matrix = np.block([[stiffness + fall, -stiffness], [-stiffness, stiffness]])
+    inertia = np.zeros((4, 4))
+    inertia[:2, :2], inertia[2:, 2:] = find_mass(np.zeros(2)), np.diag(B)
+    rates = np.block([[np.zeros((4, 4)), np.eye(4)], [-np.linalg.solve(inertia, matrix), np.zeros((4, 4))]])
+    step, x = expm(rates * order.period), np.concatenate([start, np.zeros(4)])
+    for q, theta in zip(log.q, log.theta, strict=True):
+        np.testing.assert_allclose(np.concatenate([q, theta]), x[:4], atol=2e-11)
+        x = step @ x
+
+
+def test_stiff_springs_make_a_rigid_robot_with_heavier_joints(plant, elastic_library, values):
+    stiff = tuple(replace(spring, stiffness=1e7, stops=(), knees=()) for spring in values.elasticity)
+    robot = build_plant_robot(replace(values, elasticity=stiff))
+    order = order_run(ticks=200, substeps=100, play=np.zeros((2, 0)))
+    log = plant.run(elastic_library, robot, order)
+
+    def slope(x, torque):
+        friction = FV * x[2:] + FC * np.tanh(x[2:] / V0)
+        mass = find_mass(x[:2]) + np.diag(B)
+        return np.concatenate([x[2:], np.linalg.solve(mass, torque - friction - find_bias(x[:2], x[2:]))])
+
+    x = np.zeros(4)
+    for k in range(order.ticks):
+        np.testing.assert_allclose(log.q[k], x[:2], atol=5e-5)
+        torque = order.stiffness * (order.angle[k] - x[:2]) + order.damping * (order.speed[k] - x[2:])
+        found = solve_ivp(lambda _t, y, u=torque: slope(y, u), (0.0, order.period), x, rtol=1e-9, atol=1e-11)
+        x = found.y[:, -1]
+    assert np.abs(log.q).max() > 0.1
+
+
+def test_spring_work_is_exact_on_any_path(numbers):
+    # The integral of S(v) over a monotone step, against fine quadrature, from plays anywhere.
+    rng = np.random.default_rng(4)
+    cubic = replace(numbers, cubic=np.array([3e5, -1e4]))
+    for robot in (numbers, cubic):
+        springs = Springs(robot)
+        for _ in range(40):
+            joint = int(rng.integers(2))
+            start, end = rng.uniform(-0.03, 0.03, size=2)
+            play = np.tile(start - rng.uniform(-1.0, 1.0, size=3) * RADIUS[joint], (2, 1))
+            points = np.linspace(start, end, 20_001)
+            torque = np.array([springs.find_torque(joint, phi, play) for phi in points.tolist()])
+            wanted = np.trapezoid(torque, points)
+            found = springs.integrate(joint, float(start), float(end), play)
+            assert found == pytest.approx(wanted, abs=2e-9)
+
+
+def test_the_same_order_gives_the_same_bytes(plant, elastic_library, numbers):
+    first, second = (plant.run(elastic_library, numbers, order_run()) for _ in range(2))
+    assert first.q.tobytes() == second.q.tobytes()
+    assert first.elastic.tobytes() == second.elastic.tobytes()
+
+
+def test_a_state_that_is_not_finite_ends_the_run(plant, elastic_library, numbers):
+    order = order_run(stiffness=np.array([-1e9, -1e9]), damping=np.array([-1e6, -1e6]))
+    with np.errstate(all="ignore"):
+        for log in (
+            plant.run(elastic_library, numbers, order),
+            simulate_in_numpy(elastic_library, numbers, order),
+        ):
+            assert 0 < log.ticks < order.ticks
+
+
+def test_without_compiled_functions_numpy_does_it_and_says_so(arm, numbers):
+    assert not has_addresses(arm)
+    robot = replace(numbers, beta=np.array([ZZ1 + 0.2, ZZ2, 0.05, 1.0, MX2]), friction=np.zeros(0))
+    run = simulate_plant(arm, robot, order_run(ticks=5))
+    assert run.backend == "python"
+    assert [notice.code for notice in run.notices] == ["simulate.slow-plant"]
+    assert "not compiled" in run.notices[0].text
+
+
+def test_without_a_compiler_numpy_does_it_and_says_so(elastic_library, numbers):
+    order = order_run(ticks=5)
+    run = simulate_plant(elastic_library, numbers, order, compiler="no-such-compiler")
+    assert [notice.code for notice in run.notices] == ["simulate.slow-plant"]
+    assert "no C compiler" in run.notices[0].text
+    fast = simulate_plant(elastic_library, numbers, order)
+    assert (fast.backend, fast.notices) == ("c", ())
+    np.testing.assert_allclose(run.log.theta, fast.log.theta, atol=1e-14)
+
+
+def test_a_compiler_that_fails_is_told(elastic_library, numbers, monkeypatch):
+    from symid.errors import GenerationError, Notice
+
+    def fail(**_):
+        raise GenerationError(Notice(code="codegen.compiler-failed", text="no headers"))
+
+    monkeypatch.setattr(elastic_plant, "load_plant_code", fail)
+    run = simulate_plant(elastic_library, numbers, order_run(ticks=3))
+    assert "no headers" in run.notices[0].text
+
+
+def test_fast_springs_and_friction_shorten_the_steps(elastic_library, values):
+    poses = np.zeros((3, 2))
+
+    def count(changed):
+        return find_substeps(elastic_library, changed, poses, period=1e-3, step=1e-4)
+
+    assert count(values) == 10
+    stiff = tuple(replace(spring, stiffness=1e8) for spring in values.elasticity)
+    damped = tuple(replace(spring, damping=1e4) for spring in values.elasticity)
+    assert count(replace(values, elasticity=stiff)) > 50
+    assert count(replace(values, elasticity=damped)) > 50
+    assert count(replace(values, friction=100.0 * values.friction)) > 50
+    assert find_substeps(elastic_library, values, poses, period=2e-4, step=1e-4) == 2
