@@ -2,8 +2,8 @@
 
     python benchmarks/elastic.py [REPEATS]
 
-The methods take turns, so that what else the machine does meets all of them alike; the smallest and the median
-time of each are printed. Derivation, compilation and simulation are not part of it.
+The methods take turns, so that what else the machine does meets all of them alike; the smallest and the
+median time of each are printed. Derivation, compilation and simulation are not part of it.
 """
 
 import statistics
