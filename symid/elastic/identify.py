@@ -18,30 +18,30 @@ from symid.arrays import FloatArray
 from symid.codegen.functions import ParameterCard
 from symid.codegen.library import Library
 from symid.data.recording import Recording
-from symid.elastic.choice import Score, choose_candidate
+from symid.elastic.choice import Score
 from symid.elastic.doubts import check_recordings, warn_of_fit
 from symid.elastic.estimate import ElasticEstimate, MethodTrial
 from symid.elastic.fit import ElasticFit
-from symid.elastic.methods import ElasticWork, build_work, find_candidate, find_linear_rows, fit_method
+from symid.elastic.methods import ElasticWork, build_work, find_linear_rows, fit_method
 from symid.elastic.options import ElasticOptions
 from symid.elastic.residuals import find_energy_residual, find_torque_residuals, list_springs
+from symid.elastic.selection import choose_fit, fit_candidates
+from symid.errors import Notice
 from symid.identification.estimate import ParameterEstimate
 from symid.identification.identifiability import RankRule, find_spectrum
 
-__all__ = ["CANDIDATES", "identify_elastic"]
-
-CANDIDATES = ("linear-spring", "two-step", "elimination", "weighted")
-"""What the automatic choice compares; the one-shot problem takes longer, and is asked for by name."""
+__all__ = ["identify_elastic"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Choice:
-    """The fit taken, all that were made, their scores, and why."""
+    """The fit taken, all that were made, their scores, why, and what a reader should know."""
 
     fit: ElasticFit
     fits: tuple[ElasticFit, ...]
     scores: tuple[Score, ...]
     reason: str
+    notices: tuple[Notice, ...] = ()
 
 
 def identify_elastic(
@@ -88,7 +88,7 @@ def identify_elastic(
         settings=_write_settings(work, options, echo or {}),
         refused=refused,
         covariance=_write_covariance(fit),
-        notices=(*hidden, *fit.notices, *warn_of_fit(work, fit, condition)),
+        notices=(*hidden, *choice.notices, *fit.notices, *warn_of_fit(work, fit, condition)),
     )
 
 
@@ -96,19 +96,14 @@ def _choose(work: ElasticWork, options: ElasticOptions) -> _Choice:
     if options.method != "automatic":
         fit = fit_method(work, options.method)
         return _Choice(fit=fit, fits=(fit,), scores=(), reason="the method was asked for")
-    fits = tuple(fit_method(work, method) for method in CANDIDATES)
-    usable = [fit for fit in fits if fit.outcome.usable and np.all(np.isfinite(fit.chi))]
-    candidates = [find_candidate(work, fit) for fit in usable]
-    best, scores = choose_candidate(candidates, work.rows, work.band.scatter)
-    taken = next(score for score in scores if score.name == best)
-    close = sum(score.is_close(min(entry.error for entry in scores)) for score in scores)
-    among = f"is the surest of the {close} that foretell" if close > 1 else "foretells"
-    reason = (
-        f"of {len(scores)} methods {best} {among} torques they were not fitted to best: mean squared error "
-        f"{taken.error:.4g} in units of the noise"
-    )
+    fits, missing = fit_candidates(work)
+    found = choose_fit(work, fits)
     return _Choice(
-        fit=next(fit for fit in fits if fit.method == best), fits=fits, scores=scores, reason=reason
+        fit=found.fit,
+        fits=fits,
+        scores=found.scores,
+        reason=found.reason,
+        notices=(*missing, *found.notices),
     )
 
 

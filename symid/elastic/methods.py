@@ -132,6 +132,11 @@ def find_linear_rows(work: ElasticWork, fit: ElasticFit) -> _LinearRows:
 def find_candidate(work: ElasticWork, fit: ElasticFit) -> Candidate:
     """Return `fit` as a candidate whose dynamics can be fitted again without a part of the rows."""
     card = work.problem.library.card
+    spread = float(np.max(find_relative_deviations(work, fit)))
+    if fit.method == "nlp":
+        # Its dynamics are not linear least squares, and are not fitted again: dozens of parameters against
+        # thousands of rows leave little to learn by heart.
+        return Candidate(name=fit.method, refit=lambda _fold: fit.chi, spread=spread)
     rows = find_linear_rows(work, fit)
     folds = find_folds(rows.time)
     if fit.method == "linear-spring":
@@ -144,7 +149,7 @@ def find_candidate(work: ElasticWork, fit: ElasticFit) -> Candidate:
         kept = folds != fold
         return solve_consistent(card, rows.design[kept], rows.right[kept])[:count]
 
-    return Candidate(name=fit.method, refit=refit, spread=float(np.max(find_relative_deviations(work, fit))))
+    return Candidate(name=fit.method, refit=refit, spread=spread)
 
 
 def find_relative_deviations(work: ElasticWork, fit: ElasticFit) -> FloatArray:

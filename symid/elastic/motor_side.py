@@ -17,7 +17,14 @@ from symid.errors import Notice
 from symid.identification.estimate import Estimate, Outcome
 from symid.robot.description import Robot
 
-__all__ = ["build_rigid_variant", "find_unseen", "has_both_encoders", "refuse_elasticity"]
+__all__ = [
+    "build_motor_recording",
+    "build_rigid_estimate",
+    "build_rigid_variant",
+    "find_unseen",
+    "has_both_encoders",
+    "refuse_elasticity",
+]
 
 _STIFFNESS = (
     "the log has one position a joint, so that its torsion is not seen; free motion shows a spring only at "
@@ -39,6 +46,33 @@ _MIXED = (
 def build_rigid_variant(robot: Robot) -> Robot:
     """Return the robot with all joints rigid: rotors turn with their links."""
     return replace(robot, joints=tuple(replace(joint, elasticity=None) for joint in robot.joints))
+
+
+def build_rigid_estimate(estimate: Estimate, robot: Robot) -> Estimate:
+    """Return an estimate of the rigid variant without its refusals of what only `robot` has."""
+    unseen = {name for name, _ in find_unseen(robot)}
+    return replace(estimate, refused=tuple(entry for entry in estimate.refused if entry[0] not in unseen))
+
+
+def build_motor_recording(recording: Recording, robot: Robot) -> Recording:
+    """Return a recording as the motor side alone would have it, where that is what an estimate is of.
+
+    Of a robot whose joints are all elastic, logs with both positions are never identified as rigid; an
+    estimate of its rigid variant took the position of the motors for that of the joints.
+    """
+    if not all(robot.elastic) or recording.motor_position is None:
+        return recording
+    text = "the log has two positions a joint: that of the motor was taken, which the estimate is of"
+    return replace(
+        recording,
+        position=recording.motor_position,
+        velocity=None,
+        motor_position=None,
+        notices=(
+            *recording.notices,
+            Notice(code="log.motor-position", text=text, file=recording.source),
+        ),
+    )
 
 
 def has_both_encoders(recordings: Sequence[Recording]) -> bool:

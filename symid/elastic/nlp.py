@@ -24,6 +24,7 @@ from symid.elastic.elimination import fit_elimination
 from symid.elastic.fit import ElasticFit, HistoryEntry
 from symid.elastic.iteration import fit_linear_spring
 from symid.elastic.nlp_cost import NlpCost
+from symid.elastic.nlp_covariance import find_nlp_covariance
 from symid.elastic.nlp_layout import NlpLayout, SpringGrid, build_layout, build_spring, flatten_slopes
 from symid.elastic.nlp_options import NlpOptions
 from symid.elastic.nlp_rows import NlpRecording, build_nlp_recording
@@ -116,7 +117,13 @@ def fit_nlp(
     run = replace(run, x=flatten_slopes(layout, run.x, run.certificate.undetermined))
     springs = _read_springs(layout, run.x, setting.stiffness)
     fit = build_fit(
-        problem, "nlp", run.x[layout.dynamics], springs, history=tuple(history), outcome=run.outcome
+        problem,
+        "nlp",
+        run.x[layout.dynamics],
+        springs,
+        history=tuple(history),
+        outcome=run.outcome,
+        covariance=find_nlp_covariance(cost, run.x),
     )
     fit = replace(fit, notices=tuple(_list_notices(run)))
     return NlpFit(fit=fit, run=run, cost=cost, scales=scales, stiffness=setting.stiffness)

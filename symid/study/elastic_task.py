@@ -19,11 +19,11 @@ from symid.arrays import FloatArray
 from symid.codegen.cache import prepare_library
 from symid.codegen.library import Library
 from symid.data.recording import Recording
-from symid.elastic.choice import choose_candidate
 from symid.elastic.fit import ElasticFit
 from symid.elastic.independent import fit_independent
-from symid.elastic.methods import ElasticWork, build_work, find_candidate, fit_method
+from symid.elastic.methods import ElasticWork, build_work, fit_method
 from symid.elastic.options import ElasticOptions
+from symid.elastic.selection import choose_fit
 from symid.formats.toml import read_robot
 from symid.simulation.elastic_run import ElasticRun
 from symid.study.elastic_errors import (
@@ -134,8 +134,7 @@ def fit_all(
     usable = [fit for name, fit in fits.items() if name not in _RIVALS and fit.outcome.usable]
     if not usable:
         return Fits(fits=fits, seconds=seconds, chosen="")
-    candidates = [find_candidate(work, fit) for fit in usable]
-    best, _ = choose_candidate(candidates, work.rows, work.band.scatter)
+    best = choose_fit(work, usable).fit.method
     own = sum(seconds[fit.method] - shared for fit in usable)
     seconds[AUTOMATIC] = shared + own + time.process_time() - begin
     return Fits(fits=fits | {AUTOMATIC: fits[best]}, seconds=seconds, chosen=best)

@@ -38,7 +38,7 @@ CASE_1, CASE_2, CASE_2_ENCODER = (
     "Case 2 with link encoder",
 )
 CASES = (CASE_1, CASE_2, CASE_2_ENCODER, RIGID)
-_METHODS = ("elimination", "weighted", "two-step", "independent", "independent, link encoder")
+_METHODS = ("elimination", "weighted", "two-step", "nlp", "independent", "independent, link encoder")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

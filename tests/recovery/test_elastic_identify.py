@@ -9,8 +9,10 @@ import pytest
 from symid.codegen.cache import prepare_library
 from symid.data.recording import Recording
 from symid.elastic.covariance import find_bound
-from symid.elastic.identify import CANDIDATES, identify_elastic
+from symid.elastic.identify import identify_elastic
+from symid.elastic.methods import build_work, fit_method
 from symid.elastic.options import ElasticOptions
+from symid.elastic.selection import CANDIDATES, choose_fit
 from symid.elastic.signals import prepare_elastic_signals
 from symid.elastic.storage import is_elastic_estimate, read_elastic_estimate, write_elastic_estimate
 from symid.errors import EstimateError, IdentifiabilityError, LogError, UsageError
@@ -63,7 +65,9 @@ def test_the_choice_from_noisy_data_alone_is_good(arm, run, estimate):
         assert 0.0 < spring.excited < spring.torsion
 
 
-def test_deviations_cover_the_truth_and_are_not_below_the_bound(arm, run, estimate):
+def test_deviations_cover_the_truth_and_are_not_below_the_bound(arm, run):
+    """The bound is that of methods that know nothing of the springs, as the weighted elimination."""
+    estimate = identify_elastic(arm[1], [run.recording], ElasticOptions(method="weighted"))
     truth = find_truth(arm[1])
     deviations = np.array([entry.std for entry in estimate.parameters])
     assert np.all(np.abs(values(estimate) - truth) < 5.0 * deviations)
@@ -73,6 +77,33 @@ def test_deviations_cover_the_truth_and_are_not_below_the_bound(arm, run, estima
     bound = np.sqrt(np.diag(find_bound(arm[1], [signals], [noise])))
     assert np.all(deviations > 0.9 * bound)
     assert np.all(deviations < 10.0 * bound)
+
+
+def test_a_one_shot_fit_that_contradicts_the_motions_is_not_taken(arm, run):
+    work = build_work(arm[1], (run.recording,), ElasticOptions())
+    fits = [fit_method(work, method) for method in ("elimination", "nlp")]
+    agreed = choose_fit(work, fits)
+    assert agreed.notices == ()
+    assert agreed.fit.method == "nlp"
+    wrong = replace(fits[1], rotor=fits[1].rotor * 1.05)
+    found = choose_fit(work, [fits[0], wrong])
+    assert found.fit.method == "elimination"
+    assert [notice.code for notice in found.notices] == ["elastic.contradiction"]
+    # With nothing else at hand it is taken all the same.
+    assert choose_fit(work, [wrong]).fit is wrong
+
+
+def test_the_deviations_of_the_one_shot_problem_are_those_of_repeated_runs(arm, run):
+    """Scores of a few noise realisations: of the order of one, which a wrong covariance would not give."""
+    truth = find_truth(arm[1])
+    known = np.abs(truth) > 1e-9
+    scores = []
+    for seed in range(4):
+        sensors = build_noisy_options().sensors
+        log = observe(run, sensors, np.random.default_rng(seed))
+        fit = fit_method(build_work(arm[1], (log,), ElasticOptions()), "nlp")
+        scores.append((fit.chi - truth)[known] / np.sqrt(np.diag(fit.covariance))[known])
+    assert 0.3 < np.sqrt(np.mean(np.square(scores))) < 2.5
 
 
 def test_the_bound_is_that_of_torque_rows_with_true_accelerations(arm, run):

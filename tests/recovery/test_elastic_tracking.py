@@ -100,5 +100,6 @@ def test_springs_of_another_size_or_rigid_robots_are_refused(arm, robots_folder)
         find_elastic_reference(library, fit, build_tc(), time)
     assert caught.value.notices[0].code == "usage.spring-layout"
     rigid = prepare_library(read_robot(robots_folder / "two_link.toml"))
-    with pytest.raises(UsageError, match="all its joints must be elastic"):
+    with pytest.raises(UsageError, match="all its joints must be elastic") as caught:
         find_elastic_reference(rigid, fit, build_tc(), time)
+    assert caught.value.notices[0].code == "usage.no-feed-forward"
