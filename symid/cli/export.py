@@ -1,5 +1,8 @@
 """`symid export ROBOT ESTIMATE -o FILE`: identified values as a robot file."""
 
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -8,15 +11,33 @@ import click
 from symid.cli.inputs import check_output, load_robot_of_estimate, show_path
 from symid.cli.options import force_option, output_option, verb
 from symid.cli.output import Answer, Console
-from symid.errors import Notice, UsageError
+from symid.errors import EstimateError, Notice, RobotError, UsageError
 
 if TYPE_CHECKING:  # these load numpy and sympy
-    from symid.identification.estimate import Estimate
+    from symid.identification.estimate import ParameterEstimate
     from symid.parameters.base import BaseParameters
     from symid.parameters.identified_robot import IdentifiedRobot
     from symid.robot.description import Robot
+    from symid.robot.elasticity import Elasticity
 
 __all__ = ["command"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Identified:
+    """What an estimate says of a robot: identified values, rotors of elastic joints, springs one a joint.
+
+    `robot` is the robot as it was identified, `base` its base parameters; `missing` names what has no value.
+    """
+
+    robot: "Robot"
+    base: "BaseParameters"
+    sources: tuple[str, ...]
+    values: tuple["ParameterEstimate", ...]
+    rotors: Mapping[str, float] = field(default_factory=dict)
+    springs: tuple["Elasticity", ...] = ()
+    missing: tuple[str, ...] = ()
+    notices: tuple[Notice, ...] = ()
 
 
 @click.command("export")
@@ -29,72 +50,172 @@ def command(console: Console, *, robot: str, estimate: Path, output: Path, force
     """Write ROBOT with the values in ESTIMATE as a robot file, for generate and simulate.
 
     Logs show combinations of masses and inertias; of all bodies that have them the nearest to
-    those of the robot file are taken, and only bodies that can exist.
+    those of the robot file are taken, and only bodies that can exist. Springs are written as found.
     """
     if output.suffix.lower() != ".toml":
         text = f"{output}: a robot file is TOML; give a name that ends in .toml"
         raise UsageError(Notice(code="usage.suffix", text=text))
-    from symid.identification.storage import read_estimate, write_file
+    from symid.elastic.storage import is_elastic_estimate
 
-    found = read_estimate(estimate)
-    described = load_robot_of_estimate(robot, found, ())
+    read = _read_elastic if is_elastic_estimate(estimate) else _read_rigid
+    found = read(robot, estimate)
+    described = found.robot
     check_output(output, force=force, inputs=(described.path, estimate))
     console.progress(f"looking for bodies with the identified values of {described.name}")
-    from symid.formats.writer import write_robot
-    from symid.parameters.base import find_base_parameters
+    from symid.identification.storage import write_file
 
-    base = find_base_parameters(described)
-    identified = _build(described, base, found, estimate)
-    comment = f"{described.name} with values identified from {', '.join(map(_find_name, found.sources))}."
-    write_file(output, write_robot(identified.robot, comment=comment))
+    identified = _build(found)
+    write_file(output, _write(identified.robot, found, estimate))
     standard = identified.standard
-    warnings = (*described.notices, *_warn(identified, estimate), *_name_missing(found, base, estimate))
+    warnings = (
+        *described.notices,
+        *found.notices,
+        *_warn(identified, found, estimate),
+        *_name_missing(found, estimate),
+    )
     result = {
         "file": output,
         "robot": described.name,
+        "elastic": any(identified.robot.elastic),
         "outcome": standard.outcome.name.lower(),
         "largest_change": max(map(abs, standard.residual.tolist()), default=0.0),
         "blamed": standard.blamed,
+        "not_identified": found.missing,
     }
     text = f"robot file: {show_path(output)}\n{standard.outcome.value}"
     return Answer(text=text, result=result, warnings=warnings)
 
 
-def _find_name(source: str) -> str:
-    return Path(source).name
-
-
-def _build(robot: "Robot", base: "BaseParameters", found: "Estimate", path: Path) -> "IdentifiedRobot":
-    """Return the robot with the estimate's values.
+def _read_rigid(name: str, path: Path) -> _Identified:
+    """Return what an estimate of a rigid model says; of an elastic robot that is its rigid variant.
 
     Raises:
         EstimateError: the estimate is of another model.
     """
     from symid.codegen.model_card import build_model_card
+    from symid.elastic.motor_side import build_rigid_estimate, build_rigid_variant
+    from symid.identification.storage import read_estimate
     from symid.identification.validate import check_model
-    from symid.parameters.identified_robot import build_identified_robot
+    from symid.parameters.base import find_base_parameters
 
+    read = read_estimate(path)
+    described = load_robot_of_estimate(name, read, ())
+    found = build_rigid_estimate(read, described)
+    robot = build_rigid_variant(described)
+    base = find_base_parameters(robot)
     check_model(found, build_model_card(robot, base, ()), str(path))
-    return build_identified_robot(
-        robot,
-        base,
-        {entry.name: entry.value for entry in found.parameters},
-        deviations={entry.name: entry.std for entry in found.parameters if entry.std > 0.0},
+    notices: tuple[Notice, ...] = ()
+    if any(described.elastic):
+        text = (
+            "the joints were identified as rigid, and the file has them so: rotors turn with their links, "
+            "and the springs of the robot file are left out, because with them these values are not true"
+        )
+        notices = (Notice(code="export.rigid-variant", text=text, file=str(path)),)
+    return _Identified(
+        robot=robot,
+        base=base,
+        sources=found.sources,
+        values=found.parameters,
+        missing=_find_missing(base, found.parameters),
+        notices=notices,
     )
 
 
-def _warn(identified: "IdentifiedRobot", path: Path) -> tuple[Notice, ...]:
-    reason = identified.standard.reason
+def _read_elastic(name: str, path: Path) -> _Identified:
+    """Return what an estimate of elastic joints says; what it refuses has no value.
+
+    Raises:
+        EstimateError: the estimate is of another model.
+    """
+    from symid.codegen.model_card import build_model_card
+    from symid.elastic.storage import read_elastic_estimate
+    from symid.parameters.base import find_base_parameters
+
+    robot = load_robot_of_estimate(name, read_elastic_estimate(path), ())
+    base = find_base_parameters(robot)
+    found = read_elastic_estimate(path, build_model_card(robot, base, ()))
+    refused = {entry for entry, _ in found.refused}
+    known = [entry for entry in found.parameters if entry.name not in refused]
+    names = {entry.name for entry in (*base.parameters, *base.friction)}
+    values = tuple(entry for entry in known if entry.name in names)
+    rotors = tuple(entry.name for entry in found.parameters if entry.name not in names)
+    springs = () if found.springs else tuple(f"the spring of {entry.joint!r}" for entry in found.residual)
+    return _Identified(
+        robot=robot,
+        base=base,
+        sources=found.sources,
+        values=values,
+        rotors={entry.name: entry.value for entry in known if entry.name not in names},
+        springs=tuple(entry.elasticity for entry in found.springs),
+        missing=(*_find_missing(base, values), *(entry for entry in rotors if entry in refused), *springs),
+    )
+
+
+def _find_missing(base: "BaseParameters", values: Sequence["ParameterEstimate"]) -> tuple[str, ...]:
+    known = {entry.name for entry in values}
+    return tuple(entry.name for entry in (*base.parameters, *base.friction) if entry.name not in known)
+
+
+def _build(found: _Identified) -> "IdentifiedRobot":
+    """Return the robot with the estimate's values."""
+    from symid.parameters.identified_robot import build_identified_robot
+
+    # Some methods give no deviations; those of some values alone would not tell how to weigh the others.
+    deviations = {entry.name: entry.std for entry in found.values if 0.0 < entry.std < math.inf}
+    return build_identified_robot(
+        found.robot,
+        found.base,
+        {entry.name: entry.value for entry in found.values},
+        deviations=deviations if len(deviations) == len(found.values) else None,
+        rotors=found.rotors,
+        elasticity=found.springs,
+    )
+
+
+def _write(robot: "Robot", found: _Identified, path: Path) -> str:
+    """Return the text of the robot file, which can be read.
+
+    Raises:
+        EstimateError: its values are none that a robot file can have.
+    """
+    from symid.formats.toml import parse_robot
+    from symid.formats.writer import write_robot
+
+    names = ", ".join(Path(source).name for source in found.sources)
+    before = f"; before: {robot.source}" if robot.source else ""
+    text = write_robot(
+        replace(robot, source=f"Values identified from {names}{before}"),
+        comment=f"{robot.name} with values identified from {names}.",
+    )
+    try:
+        parse_robot(text)
+    except RobotError as error:
+        reasons = "; ".join(notice.text for notice in error.notices)
+        said = f"no robot file can have these values: {reasons}; identify from logs that tell more"
+        raise EstimateError(Notice(code="export.impossible", text=said, file=str(path))) from error
+    return text
+
+
+def _warn(identified: "IdentifiedRobot", found: _Identified, path: Path) -> tuple[Notice, ...]:
+    standard = identified.standard
+    reason = standard.reason
+    known = {entry.name: entry.std for entry in found.values if 0.0 < entry.std < math.inf}
     if not reason:
         return ()
-    text = f"no bodies have the identified values exactly, the nearest were written: {reason}"
+    # Of values without a deviation nothing can be said.
+    moved = [
+        abs(change) / known[name]
+        for name, change in zip(standard.names, standard.residual.tolist(), strict=True)
+        if name in known
+    ]
+    far = f", at most {max(moved):.2g} standard deviations away" if moved else ""
+    text = f"no bodies have the identified values exactly, the nearest were written{far}: {reason}"
     return (Notice(code="export.inconsistent", text=text, file=str(path)),)
 
 
-def _name_missing(found: "Estimate", base: "BaseParameters", path: Path) -> tuple[Notice, ...]:
-    known = {entry.name for entry in found.parameters}
-    names = [entry.name for entry in (*base.parameters, *base.friction) if entry.name not in known]
-    if not names:
+def _name_missing(found: _Identified, path: Path) -> tuple[Notice, ...]:
+    if not found.missing:
         return ()
-    text = f"not identified, so the robot file's own values or the nearest bodies stand: {', '.join(names)}"
+    names = ", ".join(found.missing)
+    text = f"not identified, so the robot file's own values or the nearest bodies stand: {names}"
     return (Notice(code="export.not-identified", text=text, file=str(path)),)

@@ -12,9 +12,7 @@ def find_errors(parameters, hysteresis):
 
 
 def follow(*sizes):
-    return tuple(
-        TrackingRun(name=str(size), time=np.zeros(1), error=np.full((1, 2), size)) for size in sizes
-    )
+    return tuple(TrackingRun(name=str(size), time=np.zeros(1), error=np.full((1, 2), size)) for size in sizes)
 
 
 def test_near_the_truth_and_better_than_rigid_is_well():

@@ -1,0 +1,288 @@
+"""An elastic robot by the verbs alone: simulate, identify, validate, export, generate, simulate again."""
+
+import json
+
+import numpy as np
+import pytest
+
+from symid.cli.main import run
+from symid.elastic.storage import read_elastic_estimate
+from symid.formats.toml import read_robot
+from symid.parameters.base import find_base_parameters
+from symid.parameters.values import find_parameter_values
+
+ROBOT = "two_link_elastic"
+SHORT = ("--duration", "6")
+
+
+def call_json(capsys, *arguments):
+    capsys.readouterr()
+    code = run([*map(str, arguments), "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def do(*arguments):
+    assert run([*map(str, arguments), "-q"]) == 0
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Return a folder with logs of three motions, and estimates by two methods."""
+    folder = tmp_path_factory.mktemp("elastic")
+    for name, scale in (("ta", 10), ("tb", 1), ("tc", 1)):
+        motion = ("--trajectory", name, "--scale", scale, *SHORT)
+        do("simulate", ROBOT, *motion, "-o", folder / f"{name}.npz")
+    logs = (folder / "ta.npz", folder / "tb.npz")
+    for method in ("elimination", "linear-spring"):
+        do("identify", ROBOT, *logs, "--method", method, "-o", folder / f"{method}.json")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def estimate(folder):
+    return folder / "elimination.json"
+
+
+@pytest.fixture(scope="module")
+def exported(folder, estimate):
+    path = folder / "identified.toml"
+    do("export", ROBOT, estimate, "-o", path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def motor_side(folder):
+    """Return an estimate, and a log of another motion, with the positions of the motors alone."""
+    for name in ("ta", "tc"):
+        with np.load(folder / f"{name}.npz") as log:
+            np.savez(folder / f"motor_{name}.npz", t=log["t"], q=log["theta"], tau=log["tau"])
+    found = folder / "motor.json"
+    do("identify", ROBOT, folder / "motor_ta.npz", "-o", found)
+    return found, folder / "motor_tc.npz"
+
+
+def change(path, target, **changes):
+    """Write the estimate at `path` to `target` with other entries, and return that."""
+    data = json.loads(path.read_text(encoding="utf-8"))
+    target.write_text(json.dumps(data | changes), encoding="utf-8")
+    return target
+
+
+def test_validate_foretells_an_unseen_log(capsys, folder, estimate):
+    code, answer = call_json(capsys, "validate", ROBOT, estimate, folder / "tc.npz", "--gate", "2")
+    assert code == 0
+    result = answer["result"]
+    assert result["accepted"]
+    assert result["mean_relative_percent"] < 2.0
+    first = result["residual"]
+    assert [entry["joint"] for entry in first] == ["shoulder", "elbow"]
+    mean = np.mean([entry["relative_percent"] for entry in first])
+    assert result["mean_relative_percent"] == pytest.approx(mean)
+    assert len(result["tables"]) == 3
+    assert result["tables"][0]["residual"] == first
+    assert result["tracking"] is None
+    assert "validate.fitted-log" not in {entry["code"] for entry in answer["warnings"]}
+
+
+def test_validate_misses_a_gate(capsys, folder, estimate):
+    code, answer = call_json(capsys, "validate", ROBOT, estimate, folder / "tc.npz", "--gate", "0.01")
+    assert code == 1
+    assert not answer["result"]["accepted"]
+    assert answer["errors"][0]["code"] == "validate.gate-missed"
+    assert run(["validate", ROBOT, str(estimate), str(folder / "tc.npz"), "--gate", "0.01"]) == 1
+    assert "what the links need, less what the springs say" in capsys.readouterr().out
+
+
+def test_validate_takes_delay_and_offset_out_as_the_identification_does(capsys, folder, estimate, tmp_path):
+    log = tmp_path / "late.npz"
+    motion = ("--trajectory", "tc", "--clean", "--delay", "0.003", "--offset", "0.002")
+    do("simulate", ROBOT, *motion, "--duration", "8", "-o", log)
+    code, answer = call_json(capsys, "validate", ROBOT, estimate, log)
+    assert code == 0
+    assert answer["result"]["alignment"]["delay_ms"] == pytest.approx(3.0, abs=0.3)
+    assert answer["result"]["mean_relative_percent"] < 3.0
+
+
+def test_validate_says_what_is_no_test(capsys, folder, estimate, tmp_path):
+    _, answer = call_json(capsys, "validate", ROBOT, estimate, folder / "ta.npz")
+    assert "validate.fitted-log" in {entry["code"] for entry in answer["warnings"]}
+    springs = json.loads(estimate.read_text(encoding="utf-8"))["springs"]
+    timid = change(
+        estimate, tmp_path / "timid.json", springs=[spring | {"torsion": 1e-3} for spring in springs]
+    )
+    _, answer = call_json(capsys, "validate", ROBOT, timid, folder / "tc.npz")
+    (told,) = (entry["text"] for entry in answer["warnings"] if entry["code"] == "validate.beyond-torsion")
+    assert "shoulder" in told
+    assert "against 0.001 rad" in told
+
+
+def test_an_estimate_without_springs_says_nothing_of_them(capsys, folder, estimate, tmp_path):
+    bare = change(estimate, tmp_path / "bare.json", springs=[])
+    code, answer = call_json(capsys, "validate", ROBOT, bare, folder / "tc.npz")
+    assert code == 0
+    assert len(answer["result"]["tables"]) == 1
+    code, answer = call_json(capsys, "validate", ROBOT, bare, folder / "tc.npz", "--tracking")
+    assert (code, answer["errors"][0]["code"]) == (2, "usage.no-springs")
+    code, answer = call_json(capsys, "export", ROBOT, bare, "-o", tmp_path / "bare.toml")
+    assert code == 0
+    assert answer["result"]["not_identified"] == ["the spring of 'shoulder'", "the spring of 'elbow'"]
+
+
+def test_tracking_with_the_springs_is_better_than_without(capsys, folder, estimate):
+    other = ("--tracking", "--against", folder / "linear-spring.json")
+    code, answer = call_json(capsys, "validate", ROBOT, estimate, folder / "tc.npz", *other)
+    assert code == 0
+    tracking = answer["result"]["tracking"]
+    assert tracking["seed"] is None
+    assert tracking["trajectory"].startswith("TC")
+    rigid, first, second = tracking["runs"]
+    assert first["feed_forward"] == "Case 1: elimination"
+    assert second["method"] == "linear-spring"
+    for index, joint in enumerate(("shoulder", "elbow")):
+        errors = [entry["joints"][index] for entry in (rigid, first, second)]
+        assert [entry["joint"] for entry in errors] == [joint] * 3
+        assert all(0.0 < entry["rms"] <= entry["peak"] for entry in errors)
+        assert errors[1]["rms"] < 0.1 * errors[0]["rms"]
+        assert errors[1]["rms"] < errors[2]["rms"]
+
+
+def test_tracking_of_a_random_motion_as_a_table(capsys, folder, estimate):
+    log = str(folder / "tc.npz")
+    assert run(["validate", ROBOT, str(estimate), log, "--tracking", "--seed", "3", "-q"]) == 0
+    out = capsys.readouterr().out
+    assert "How links follow random finite Fourier series" in out
+    assert "rigid feed-forward" in out
+    assert "mrad" in out
+
+
+@pytest.mark.parametrize(
+    ("options", "code"),
+    [(("--seed", "2"), "usage.no-tracking"), (("--against", "other.json"), "usage.no-tracking")],
+)
+def test_options_of_tracking_alone_are_refused(capsys, folder, estimate, options, code):
+    status, answer = call_json(capsys, "validate", ROBOT, estimate, folder / "tc.npz", *options)
+    assert (status, answer["errors"][0]["code"]) == (2, code)
+
+
+def test_estimates_of_other_models_are_refused(capsys, folder, estimate, motor_side, tmp_path):
+    parameters = json.loads(estimate.read_text(encoding="utf-8"))["parameters"]
+    other = change(estimate, tmp_path / "other.json", signature="0" * 64)
+    fewer = change(estimate, tmp_path / "fewer.json", parameters=parameters[1:], covariance=[])
+    log = folder / "tc.npz"
+    for path, code in ((other, "estimate.signature"), (fewer, "estimate.parameters")):
+        for arguments in (
+            ("validate", ROBOT, path, log),
+            ("validate", ROBOT, estimate, log, "--tracking", "--against", path),
+            ("export", ROBOT, path, "-o", tmp_path / "x.toml"),
+        ):
+            status, answer = call_json(capsys, *arguments)
+            assert (status, answer["errors"][0]["code"]) == (3, code)
+    assert not (tmp_path / "x.toml").exists()
+    status, answer = call_json(capsys, "validate", ROBOT, estimate, motor_side[1])
+    assert (status, answer["errors"][0]["code"]) == (3, "elastic.one-encoder")
+
+
+def test_a_friction_of_the_command_line_is_remembered(capsys, folder, tmp_path):
+    found = tmp_path / "offset.json"
+    friction = ("--friction", "viscous_coulomb_offset", "--method", "elimination")
+    do("identify", ROBOT, folder / "ta.npz", *friction, "-o", found)
+    assert read_elastic_estimate(found).friction == ("viscous_coulomb_offset",) * 2
+    code, answer = call_json(capsys, "validate", ROBOT, found, folder / "tc.npz")
+    assert code == 0
+    assert answer["result"]["mean_relative_percent"] < 5.0
+    code, answer = call_json(capsys, "validate", ROBOT, found, folder / "tc.npz", "--tracking")
+    assert (code, answer["errors"][0]["code"]) == (3, "robot.no-values")
+
+
+def test_the_exported_robot_has_what_was_identified(estimate, exported):
+    found = read_elastic_estimate(estimate)
+    robot = read_robot(exported)
+    assert [joint.elasticity for joint in robot.joints] == [spring.elasticity for spring in found.springs]
+    values = find_parameter_values(robot, find_base_parameters(robot))
+    values |= {f"IA{number}": joint.drive.rotor_inertia for number, joint in enumerate(robot.joints, start=1)}
+    assert len(found.parameters) == 12
+    for entry in found.parameters:
+        assert values[entry.name] == pytest.approx(entry.value, rel=1e-12, abs=1e-14)
+    assert {joint.friction.smoothing for joint in robot.joints} == {0.01}
+    assert robot.source.startswith("Values identified from ta.npz, tb.npz")
+
+
+def test_the_exported_robot_generates_code_and_moves(capsys, folder, estimate, exported, tmp_path):
+    code, answer = call_json(capsys, "generate", exported, "-o", tmp_path / "code")
+    assert code == 0
+    told = {entry["code"] for entry in answer["warnings"]}
+    assert answer["result"]["selftest"] == "passed" or "generate.selftest-not-run" in told
+    (header,) = (tmp_path / "code").glob("*.h")
+    assert "hysteresis_invert" in header.read_text(encoding="utf-8")
+    log = tmp_path / "again.npz"
+    motion = ("--trajectory", "tc", "--clean", "--duration", "4")
+    code, answer = call_json(capsys, "simulate", exported, *motion, "-o", log)
+    assert code == 0
+    assert answer["result"]["energy_gap"] < 1e-6
+    # The estimate is the truth of that robot: nothing is left but what filters blur.
+    code, answer = call_json(capsys, "validate", exported, estimate, log)
+    assert code == 0
+    for table in answer["result"]["tables"]:
+        assert max(entry["relative_percent"] for entry in table["residual"]) < 0.1
+
+
+def test_what_an_elastic_estimate_refuses_keeps_the_value_of_the_robot_file(capsys, estimate, tmp_path):
+    refused = [["IA2", "for the test"], ["MY2", "for the test"]]
+    path = change(estimate, tmp_path / "part.json", refused=refused)
+    code, answer = call_json(capsys, "export", ROBOT, path, "-o", tmp_path / "part.toml")
+    assert code == 0
+    assert answer["result"]["not_identified"] == ["MY2", "IA2"]
+    assert "export.not-identified" in {entry["code"] for entry in answer["warnings"]}
+    robot = read_robot(tmp_path / "part.toml")
+    assert robot.joints[1].drive.rotor_inertia == 0.05
+
+
+def test_values_that_no_robot_file_can_have_are_refused(capsys, estimate, tmp_path):
+    parameters = json.loads(estimate.read_text(encoding="utf-8"))["parameters"]
+    for entry in parameters:
+        if entry["name"] == "IA1":
+            entry["value"] = -0.1
+    path = change(estimate, tmp_path / "negative.json", parameters=parameters)
+    code, answer = call_json(capsys, "export", ROBOT, path, "-o", tmp_path / "x.toml")
+    assert (code, answer["errors"][0]["code"]) == (3, "export.impossible")
+    assert not (tmp_path / "x.toml").exists()
+
+
+def test_a_motor_side_estimate_is_tried_and_written_as_rigid(capsys, folder, motor_side, tmp_path):
+    found, log = motor_side
+    code, answer = call_json(capsys, "validate", ROBOT, found, log, "--gate", "20")
+    assert code == 0, answer
+    _, both = call_json(capsys, "validate", ROBOT, found, folder / "tc.npz")
+    assert both["result"]["residual"] == answer["result"]["residual"]
+    assert "log.motor-position" in {entry["code"] for entry in both["warnings"]}
+    assert run(["validate", ROBOT, str(found), str(log), "-q"]) == 0
+    assert "(joints taken as rigid)" in capsys.readouterr().out
+    code, answer = call_json(capsys, "validate", ROBOT, found, log, "--tracking")
+    assert (code, answer["errors"][0]["code"]) == (2, "usage.rigid-tracking")
+    path = tmp_path / "rigid.toml"
+    code, answer = call_json(capsys, "export", ROBOT, found, "-o", path)
+    assert code == 0
+    assert not answer["result"]["elastic"]
+    assert "export.rigid-variant" in {entry["code"] for entry in answer["warnings"]}
+    robot = read_robot(path)
+    assert not any(robot.elastic)
+    values = find_parameter_values(robot, find_base_parameters(robot))
+    for entry in json.loads(found.read_text(encoding="utf-8"))["parameters"]:
+        assert values[entry["name"]] == pytest.approx(entry["value"], rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_values_of_no_bodies_say_how_far_the_nearest_are(capsys, estimate, tmp_path, known):
+    parameters = json.loads(estimate.read_text(encoding="utf-8"))["parameters"]
+    for entry in parameters:
+        entry["std"] = 0.01 if known else 0.0
+        if entry["name"] == "ZZ2":
+            entry["value"] = -0.02
+    path = change(estimate, tmp_path / "broken.json", parameters=parameters, covariance=[])
+    code, answer = call_json(capsys, "export", ROBOT, path, "-o", tmp_path / "nearest.toml")
+    assert code == 0
+    assert answer["result"]["outcome"] == "nearest"
+    (told,) = (entry["text"] for entry in answer["warnings"] if entry["code"] == "export.inconsistent")
+    assert ("standard deviations away" in told) == known
+    robot = read_robot(tmp_path / "nearest.toml")
+    assert find_parameter_values(robot, find_base_parameters(robot))["ZZ2"] > 0.0
