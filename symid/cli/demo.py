@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import click
 
 from symid.cli.elastic_tables import describe_elastic, show_elastic_parameters, show_springs
-from symid.cli.inputs import describe_origin, load_robot, load_robot_library, show_path
+from symid.cli.export import find_identified, write_identified
+from symid.cli.inputs import describe_origin, describe_settings, load_robot, load_robot_library, show_path
 from symid.cli.options import force_folder_option, output_option, verb
 from symid.cli.output import Answer, Console, format_table
 from symid.errors import Notice, OutputError
@@ -170,36 +171,19 @@ def _identify(experiment: _Experiment, folder: Path, console: Console) -> _Findi
 
     recordings = [experiment.logs[name] for name in _TRAINING]
     truth = find_truth(experiment.library.card)
+    echo = describe_settings(experiment.robot)
     estimates, errors = {}, {}
     for method in (*_METHODS, "automatic"):
         console.progress(f"identifying by the method {method!r}")
-        estimate = identify_elastic(experiment.library, recordings, ElasticOptions(method=method))
+        options = ElasticOptions(method=method)
+        estimate = identify_elastic(experiment.library, recordings, options, echo=echo)
         fit = estimate.build_fit(len(experiment.library.card.beta))
         hysteresis = find_hysteresis_errors(fit, experiment.runs[_HELD_OUT])
         estimates[method] = estimate
         errors[method] = (find_parameter_error(fit, truth), float(hysteresis.max()))
-    write_elastic_estimate(estimates["automatic"], folder / "estimate.json")
-    _export(experiment.robot, estimates["automatic"], folder / "identified.toml")
+    path = write_elastic_estimate(estimates["automatic"], folder / "estimate.json")
+    write_identified(find_identified(_ROBOT, path), path, folder / "identified.toml")
     return _Findings(estimates=estimates, errors=errors)
-
-
-def _export(robot: "Robot", estimate: "ElasticEstimate", path: Path) -> None:
-    from symid.formats.writer import write_robot
-    from symid.identification.storage import write_file
-    from symid.parameters.base import find_base_parameters
-    from symid.parameters.identified_robot import build_identified_robot
-
-    values = {entry.name: entry.value for entry in estimate.parameters}
-    base = find_base_parameters(robot)
-    names = {entry.name for entry in (*base.parameters, *base.friction)}
-    found = build_identified_robot(
-        robot,
-        base,
-        {name: value for name, value in values.items() if name in names},
-        rotors={name: value for name, value in values.items() if name not in names},
-        elasticity=[spring.elasticity for spring in estimate.springs],
-    )
-    write_file(path, write_robot(found.robot, comment=f"{robot.name} with identified values."))
 
 
 def _track(experiment: _Experiment, findings: _Findings, console: Console) -> tuple["TrackingRun", ...]:

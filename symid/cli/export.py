@@ -20,11 +20,11 @@ if TYPE_CHECKING:  # these load numpy and sympy
     from symid.robot.description import Robot
     from symid.robot.elasticity import Elasticity
 
-__all__ = ["command"]
+__all__ = ["Identified", "command", "find_identified", "write_identified"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Identified:
+class Identified:
     """What an estimate says of a robot: identified values, rotors of elastic joints, springs one a joint.
 
     `robot` is the robot as it was identified, `base` its base parameters; `missing` names what has no value.
@@ -55,17 +55,11 @@ def command(console: Console, *, robot: str, estimate: Path, output: Path, force
     if output.suffix.lower() != ".toml":
         text = f"{output}: a robot file is TOML; give a name that ends in .toml"
         raise UsageError(Notice(code="usage.suffix", text=text))
-    from symid.elastic.storage import is_elastic_estimate
-
-    read = _read_elastic if is_elastic_estimate(estimate) else _read_rigid
-    found = read(robot, estimate)
+    found = find_identified(robot, estimate)
     described = found.robot
     check_output(output, force=force, inputs=(described.path, estimate))
     console.progress(f"looking for bodies with the identified values of {described.name}")
-    from symid.identification.storage import write_file
-
-    identified = _build(found)
-    write_file(output, _write(identified.robot, found, estimate))
+    identified = write_identified(found, estimate, output)
     standard = identified.standard
     warnings = (
         *described.notices,
@@ -86,7 +80,32 @@ def command(console: Console, *, robot: str, estimate: Path, output: Path, force
     return Answer(text=text, result=result, warnings=warnings)
 
 
-def _read_rigid(name: str, path: Path) -> _Identified:
+def find_identified(name: str, path: Path) -> Identified:
+    """Return what the estimate at `path`, rigid or elastic, says of the robot called `name`.
+
+    Raises:
+        EstimateError: the file cannot be read, or is of another model.
+    """
+    from symid.elastic.storage import is_elastic_estimate
+
+    return _read_elastic(name, path) if is_elastic_estimate(path) else _read_rigid(name, path)
+
+
+def write_identified(found: Identified, path: Path, output: Path) -> "IdentifiedRobot":
+    """Write the robot file `output` with the values found in the estimate at `path`, and return the robot.
+
+    Raises:
+        EstimateError: its values are none that a robot file can have.
+        OutputError: the file cannot be written.
+    """
+    from symid.identification.storage import write_file
+
+    identified = _build(found)
+    write_file(output, _write(identified.robot, found, path))
+    return identified
+
+
+def _read_rigid(name: str, path: Path) -> Identified:
     """Return what an estimate of a rigid model says; of an elastic robot that is its rigid variant.
 
     Raises:
@@ -111,7 +130,7 @@ def _read_rigid(name: str, path: Path) -> _Identified:
             "and the springs of the robot file are left out, because with them these values are not true"
         )
         notices = (Notice(code="export.rigid-variant", text=text, file=str(path)),)
-    return _Identified(
+    return Identified(
         robot=robot,
         base=base,
         sources=found.sources,
@@ -121,7 +140,7 @@ def _read_rigid(name: str, path: Path) -> _Identified:
     )
 
 
-def _read_elastic(name: str, path: Path) -> _Identified:
+def _read_elastic(name: str, path: Path) -> Identified:
     """Return what an estimate of elastic joints says; what it refuses has no value.
 
     Raises:
@@ -140,7 +159,7 @@ def _read_elastic(name: str, path: Path) -> _Identified:
     values = tuple(entry for entry in known if entry.name in names)
     rotors = tuple(entry.name for entry in found.parameters if entry.name not in names)
     springs = () if found.springs else tuple(f"the spring of {entry.joint!r}" for entry in found.residual)
-    return _Identified(
+    return Identified(
         robot=robot,
         base=base,
         sources=found.sources,
@@ -156,7 +175,7 @@ def _find_missing(base: "BaseParameters", values: Sequence["ParameterEstimate"])
     return tuple(entry.name for entry in (*base.parameters, *base.friction) if entry.name not in known)
 
 
-def _build(found: _Identified) -> "IdentifiedRobot":
+def _build(found: Identified) -> "IdentifiedRobot":
     """Return the robot with the estimate's values."""
     from symid.parameters.identified_robot import build_identified_robot
 
@@ -172,7 +191,7 @@ def _build(found: _Identified) -> "IdentifiedRobot":
     )
 
 
-def _write(robot: "Robot", found: _Identified, path: Path) -> str:
+def _write(robot: "Robot", found: Identified, path: Path) -> str:
     """Return the text of the robot file, which can be read.
 
     Raises:
@@ -196,7 +215,7 @@ def _write(robot: "Robot", found: _Identified, path: Path) -> str:
     return text
 
 
-def _warn(identified: "IdentifiedRobot", found: _Identified, path: Path) -> tuple[Notice, ...]:
+def _warn(identified: "IdentifiedRobot", found: Identified, path: Path) -> tuple[Notice, ...]:
     standard = identified.standard
     reason = standard.reason
     known = {entry.name: entry.std for entry in found.values if 0.0 < entry.std < math.inf}
@@ -213,7 +232,7 @@ def _warn(identified: "IdentifiedRobot", found: _Identified, path: Path) -> tupl
     return (Notice(code="export.inconsistent", text=text, file=str(path)),)
 
 
-def _name_missing(found: _Identified, path: Path) -> tuple[Notice, ...]:
+def _name_missing(found: Identified, path: Path) -> tuple[Notice, ...]:
     if not found.missing:
         return ()
     names = ", ".join(found.missing)
