@@ -93,7 +93,7 @@ def fit_method(work: ElasticWork, method: str) -> ElasticFit:
         "elimination": lambda: fit_elimination(work.problem),
         "weighted": lambda: _fit_weighted(work),
         "independent": lambda: fit_independent(work.problem),
-        "nlp": lambda: _fit_nlp(work.problem),
+        "nlp": lambda: _fit_nlp(work),
     }
     fit = makers[method]()
     if fit.covariance is not None:
@@ -184,11 +184,15 @@ def _fit_weighted(work: ElasticWork) -> ElasticFit:
     )
 
 
-def _fit_nlp(problem: ElasticProblem) -> ElasticFit:
+def _fit_nlp(work: ElasticWork) -> ElasticFit:
     # Imported here: it needs CasADi, which the other methods do without.
     from symid.elastic.nlp import fit_nlp
 
-    return fit_nlp(problem).fit
+    # Hardly filtered states bend its columns least, and its windows average their noise. Where the options
+    # fix the places of stops and knees, the start is its own, which keeps them.
+    options = work.problem.options
+    start = _fit_weighted(work) if options.refine and options.thresholds is None else None
+    return fit_nlp(work.wide, start=start).fit
 
 
 def _find_row_times(problem: ElasticProblem, number: int) -> FloatArray:
