@@ -25,10 +25,14 @@ __all__ = ["Answer", "Console", "format_table", "print_answer", "print_errors", 
 
 _NOTES = frozenset(
     {
+        "elastic.motor-side",
         "estimate.settings-differ",
         "identify.automatic",
+        "identify.second-encoder",
         "identify.slow-rows",
+        "log.aligned",
         "log.converted",
+        "log.in-line",
         "new.gravity",
         "robot.assumed-gravity",
         "robot.cut-off",

@@ -25,7 +25,14 @@ from symid.elastic.fit import ElasticFit, HistoryEntry
 from symid.elastic.iteration import fit_linear_spring
 from symid.elastic.nlp_cost import NlpCost
 from symid.elastic.nlp_covariance import find_nlp_covariance
-from symid.elastic.nlp_layout import NlpLayout, SpringGrid, build_layout, build_spring, flatten_slopes
+from symid.elastic.nlp_layout import (
+    NlpLayout,
+    SpringGrid,
+    SpringLayout,
+    build_layout,
+    build_spring,
+    flatten_slopes,
+)
 from symid.elastic.nlp_options import NlpOptions
 from symid.elastic.nlp_rows import NlpRecording, build_nlp_recording
 from symid.elastic.nlp_solver import NlpRun, find_scales, optimise_nlp
@@ -36,6 +43,8 @@ from symid.robot.elasticity import Elasticity
 
 __all__ = ["NlpFit", "fit_nlp"]
 
+_SHIFT = 1e-4
+"""Of the place of a stop or knee, for derivatives by it."""
 _REST = 1e-9
 """Of the linear spring: weights below it are zero."""
 
@@ -123,10 +132,48 @@ def fit_nlp(
         springs,
         history=tuple(history),
         outcome=run.outcome,
-        covariance=find_nlp_covariance(cost, run.x),
+        covariance=find_nlp_covariance(cost, run.x, _find_place_slopes(setting, cost, run.x)),
     )
     fit = replace(fit, notices=tuple(_list_notices(run)))
     return NlpFit(fit=fit, run=run, cost=cost, scales=scales, stiffness=setting.stiffness)
+
+
+def _find_place_slopes(setting: _Setting, cost: NlpCost, x: FloatArray) -> list[list[FloatArray]]:
+    """Return the derivatives of all residuals by the place of every stop and knee, one after the other."""
+    springs = cost.layout.springs
+    middle = replace(setting, knees=tuple(spring.knees for spring in springs))
+    before = cost.find_state(x).residuals
+    slopes = []
+    for shifted, step in _list_shifted(middle, x, springs):
+        layout = shifted.lay_out(())
+        moved = replace(cost, recordings=shifted.recordings, layout=layout).find_state(x).residuals
+        slopes.append([(after - now) / step for after, now in zip(moved, before, strict=True)])
+    return slopes
+
+
+def _list_shifted(
+    setting: _Setting, x: FloatArray, springs: Sequence[SpringLayout]
+) -> Iterator[tuple[_Setting, float]]:
+    """Yield the setting with each place a little further out, and by how much; knees only where alone."""
+    problem, options = setting.problem, setting.options
+    for joint, spring in enumerate(springs):
+        for stop, weight in enumerate(x[spring.weights][1:]):
+            if weight <= _REST * setting.stiffness[joint]:
+                continue
+            grids = [grid.copy() for grid in setting.thresholds]
+            step = _SHIFT * grids[joint][stop]
+            grids[joint][stop] += step
+            moved = tuple(map(freeze, grids))
+            recordings = tuple(
+                build_nlp_recording(problem, index, moved, options.rows)
+                for index in range(len(setting.recordings))
+            )
+            yield replace(setting, thresholds=moved, recordings=recordings), float(step)
+        for place in range(len(spring.knees) if setting.knees and not options.odd else 0):
+            knees = [list(entries) for entries in setting.knees or ()]
+            step = _SHIFT * abs(knees[joint][place])
+            knees[joint][place] += step
+            yield replace(setting, knees=tuple(map(tuple, knees))), step
 
 
 def _find_begin(problem: ElasticProblem) -> ElasticFit:
