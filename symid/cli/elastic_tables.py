@@ -3,6 +3,7 @@
 Input: `Alignment`, `StiffnessEstimate`, `ElasticEstimate`. Output: text, dictionaries.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING
@@ -28,7 +29,7 @@ __all__ = [
 
 
 def describe_alignment(alignment: "Alignment", joints: Sequence[str]) -> dict[str, object]:
-    """Return delay and offsets: one object a run, one entry a joint; null where there is no link encoder."""
+    """Return delay and offsets: one object a run, one entry a joint; null where they cannot be told."""
     return {
         "delay_ms": 1e3 * alignment.delay,
         "delay_std_ms": 1e3 * alignment.delay_std,
@@ -49,10 +50,8 @@ def describe_alignment(alignment: "Alignment", joints: Sequence[str]) -> dict[st
 
 def show_alignment(alignment: "Alignment", joints: Sequence[str]) -> str:
     """Return the delay, and the table of zero offsets of each run and joint that has a link encoder."""
-    delay, std = 1e3 * alignment.delay, 1e3 * alignment.delay_std
-    head = f"link encoders lag motor encoders by {delay:.3f} ms (standard deviation {std:.3f} ms)"
     rows = [
-        (joint, source, values[index], stds[index], 100.0 * alignment.explained[index])
+        (joint, source, _null(values[index]), _null(stds[index]), 100.0 * alignment.explained[index])
         for source, values, stds in zip(
             alignment.sources, alignment.offsets.tolist(), alignment.offset_stds.tolist(), strict=True
         )
@@ -60,7 +59,22 @@ def show_alignment(alignment: "Alignment", joints: Sequence[str]) -> str:
         if alignment.present[index]
     ]
     header = ("joint", "log", "zero offset", "std", "explained by delay/%")
-    return f"{head}\n\n{format_table(header, rows, left=(0, 1))}"
+    return f"{_tell_delay(alignment)}\n\n{format_table(header, rows, left=(0, 1))}"
+
+
+def _tell_delay(alignment: "Alignment") -> str:
+    std = 1e3 * alignment.delay_std
+    if not alignment.late:
+        text = "between link and motor encoders there is no delay beyond doubt"
+        return f"{text} (standard deviation {std:.2g} ms)"
+    verb = "lag" if alignment.delay > 0.0 else "lead"
+    delay = 1e3 * abs(alignment.delay)
+    return f"link encoders {verb} motor encoders by {delay:.3f} ms (standard deviation {std:.3f} ms)"
+
+
+def _null(value: float) -> float | None:
+    """Return what a table shows of a value that may not be known."""
+    return value if math.isfinite(value) else None
 
 
 def describe_stiffness(found: "StiffnessEstimate") -> dict[str, object]:
@@ -147,7 +161,7 @@ def show_elastic_parameters(estimate: "ElasticEstimate") -> str:
 
 
 def show_springs(estimate: "ElasticEstimate") -> str:
-    """Return the table of springs: stiffness left and at small torsion, and what was seen of it."""
+    """Return the table of springs found: stiffness left and at small torsion, and what was seen of it."""
     header = ("joint", "k0", "k0 + stops", "unit", "stops", "knees", "torsion", "slipped to", "torque")
     rows = [
         (
@@ -162,6 +176,7 @@ def show_springs(estimate: "ElasticEstimate") -> str:
             entry.torque,
         )
         for entry in estimate.springs
+        if entry.told
     ]
     return format_table(header, rows, left=(0, 3))
 

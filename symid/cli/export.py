@@ -14,6 +14,7 @@ from symid.cli.output import Answer, Console
 from symid.errors import EstimateError, Notice, RobotError, UsageError
 
 if TYPE_CHECKING:  # these load numpy and sympy
+    from symid.elastic.estimate import ElasticEstimate
     from symid.identification.estimate import ParameterEstimate
     from symid.parameters.base import BaseParameters
     from symid.parameters.identified_robot import IdentifiedRobot
@@ -149,6 +150,7 @@ def _read_elastic(name: str, path: Path) -> Identified:
     from symid.codegen.model_card import build_model_card
     from symid.elastic.storage import read_elastic_estimate
     from symid.parameters.base import find_base_parameters
+    from symid.robot.elasticity import Elasticity
 
     robot = load_robot_of_estimate(name, read_elastic_estimate(path), ())
     base = find_base_parameters(robot)
@@ -158,15 +160,44 @@ def _read_elastic(name: str, path: Path) -> Identified:
     names = {entry.name for entry in (*base.parameters, *base.friction)}
     values = tuple(entry for entry in known if entry.name in names)
     rotors = tuple(entry.name for entry in found.parameters if entry.name not in names)
-    springs = () if found.springs else tuple(f"the spring of {entry.joint!r}" for entry in found.residual)
+    own = [robot.joints[index].elasticity for index in robot.coordinates]
+    springs = (
+        tuple(
+            entry.elasticity if entry.told else stated or Elasticity()
+            for entry, stated in zip(found.springs, own, strict=True)
+        )
+        if found.springs
+        else ()
+    )
+    lacking = [entry.joint for entry in found.springs if not entry.told]
+    if not found.springs:
+        lacking = [entry.joint for entry in found.residual]
     return Identified(
         robot=robot,
         base=base,
         sources=found.sources,
         values=values,
         rotors={entry.name: entry.value for entry in known if entry.name not in names},
-        springs=tuple(entry.elasticity for entry in found.springs),
-        missing=(*_find_missing(base, values), *(entry for entry in rotors if entry in refused), *springs),
+        springs=springs,
+        missing=(
+            *_find_missing(base, values),
+            *(entry for entry in rotors if entry in refused),
+            *(f"the spring of {joint!r}" for joint in lacking),
+        ),
+        notices=_name_refused(found, path),
+    )
+
+
+def _name_refused(found: "ElasticEstimate", path: Path) -> tuple[Notice, ...]:
+    """Return why springs are refused: the robot file's own are written, known or not."""
+    return tuple(
+        Notice(
+            code="export.spring",
+            text=f"the spring that was found for {entry.joint!r} is not written: {entry.reason}",
+            file=str(path),
+        )
+        for entry in found.springs
+        if not entry.told
     )
 
 

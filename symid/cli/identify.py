@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from symid.cli.elastic_settings import check_settings, cut_logs, find_asked_cutoff, list_unused_settings
 from symid.cli.identify_elastic import answer_elastic, answer_stiffness, choose_route, elastic_options
 from symid.cli.inputs import (
     check_distinct,
@@ -85,26 +86,31 @@ def command(
     check_distinct(logs)
     recordings = read_logs(logs, described)
     route = choose_route(described, recordings, method=method, elastic=elastic, rigid=_list_given())
+    if route.kind in {"stiffness", "elastic"}:
+        check_settings(pairs, route.kind)
+        recordings = cut_logs(recordings, described.processing)
     warnings = _list_warnings(described, recordings)
     if route.kind == "stiffness":
         answer = answer_stiffness(console, described, recordings, output)
-        return replace(answer, warnings=(*warnings, *answer.warnings))
-    if route.kind == "elastic":
+    elif route.kind == "elastic":
+        given = {**elastic, "cutoff": find_asked_cutoff(described, pairs)}
         answer = answer_elastic(
-            console, described, recordings, method=route.method, options=elastic, output=output
+            console, described, recordings, method=route.method, options=given, output=output
         )
-        return replace(answer, warnings=(*warnings, *answer.warnings))
-    return _answer_rigid(
-        console,
-        described,
-        recordings,
-        logs,
-        rows=rows,
-        estimator=estimator,
-        output=output,
-        motor_side=route.kind == "motor-side",
-        warnings=warnings,
-    )
+    else:
+        return _answer_rigid(
+            console,
+            described,
+            recordings,
+            logs,
+            rows=rows,
+            estimator=estimator,
+            output=output,
+            motor_side=route.kind == "motor-side",
+            warnings=warnings,
+        )
+    told = list_unused_settings(described, route.kind)
+    return replace(answer, warnings=(*told, *warnings, *answer.warnings))
 
 
 def _list_given() -> tuple[str, ...]:
@@ -138,8 +144,15 @@ def _answer_rigid(
     warnings: tuple[Notice, ...],
 ) -> Answer:
     from symid.data.checks import find_second_encoder
-    from symid.elastic.motor_side import build_rigid_variant, has_both_encoders, refuse_elasticity
+    from symid.elastic.motor_side import (
+        build_motor_recording,
+        build_rigid_variant,
+        has_both_encoders,
+        refuse_elasticity,
+    )
 
+    both = has_both_encoders(recordings)
+    recordings = [build_motor_recording(recording, described) for recording in recordings]
     library = load_robot_library(build_rigid_variant(described) if motor_side else described, console)
     console.progress(f"identifying {described.name} from {len(recordings)} log{'s'[: len(recordings) > 1]}")
     from symid.identification.identify import identify_parameters
@@ -157,14 +170,17 @@ def _answer_rigid(
             "log_digests": [find_digest(str(path)) for path in logs],
         },
     )
-    if any(find_second_encoder(recording) for recording in recordings):
+    if not motor_side and any(find_second_encoder(recording) for recording in recordings):
         unused = (
             "the log has a second encoder, which a rigid model has no use for: its position is that of "
             "[log.position]; --method stiffness looks at both"
         )
         warnings += (Notice(code="identify.second-encoder", text=unused),)
     if motor_side:
-        estimate = refuse_elasticity(estimate, described, both=has_both_encoders(recordings))
+        estimate = refuse_elasticity(estimate, described, both=both)
+        warnings += tuple(
+            note for entry in recordings for note in entry.notices if note.code == "log.motor-position"
+        )
     warnings = (*warnings, *library.notices, *estimate.notices)
     text = _write_summary(estimate)
     if output is not None:

@@ -4,7 +4,7 @@ Input: the robot, its recordings, options of the command line. Output: a route, 
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
@@ -89,9 +89,9 @@ def choose_route(
 
     Raises:
         UsageError: options of one kind for a robot, method or log of another.
-        LogError: some logs have two encoders and some one.
+        LogError: some logs have two encoders and some one; the one position is that of the links.
     """
-    from symid.elastic.motor_side import has_both_encoders
+    from symid.elastic.motor_side import check_motor_side, has_both_encoders
 
     if method == "stiffness":
         _refuse_mixed(rigid, elastic, "--method stiffness")
@@ -117,6 +117,8 @@ def choose_route(
         text = f"--method {method}: the robot {robot.name!r} {kind}; leave it out, or use --method stiffness"
         raise UsageError(Notice(code="usage.method", text=text))
     _refuse_mixed((), elastic, f"{robot.name!r}, identified as rigid")
+    if any(robot.elastic) and not any(both):
+        check_motor_side(robot, recordings)
     return Route(kind="motor-side" if any(robot.elastic) else "rigid")
 
 
@@ -182,6 +184,7 @@ def answer_elastic(
     Delay and offsets of the link encoders are taken out first, where they are beyond doubt.
     """
     from symid.elastic.identify import identify_elastic
+    from symid.elastic.motor_side import warn_of_rotors
     from symid.elastic.storage import write_elastic_estimate
     from symid.elastic.torsion import prepare_aligned
 
@@ -194,6 +197,7 @@ def answer_elastic(
     aligned = None if alignment is None else describe_alignment(alignment, joints)
     echo = {**describe_settings(robot), "log_digests": _find_digests(recordings)}
     estimate = identify_elastic(library, moved, chosen, echo=echo)
+    estimate = replace(estimate, notices=(*estimate.notices, *warn_of_rotors(estimate.parameters)))
     text = [
         f"{estimate.robot}: {estimate.method}, condition {estimate.condition:.3g}: {estimate.outcome.value}",
         f"{estimate.reason[0].upper()}{estimate.reason[1:]}.",

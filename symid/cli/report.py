@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
+from symid.cli.elastic_settings import check_settings, cut_logs, find_asked_cutoff
 from symid.cli.inputs import (
     check_output,
     describe_origin,
@@ -78,6 +79,13 @@ def command(
     For elastic joints also springs, hysteresis loops, and the methods that were compared.
     """
     pairs = split_settings(settings)
+    given = [name for name, value in (("--robot", robot), ("--set", settings)) if value]
+    if given and not logs:
+        text = (
+            f"{', '.join(given)} is of the logs that --validation names, and there is none; "
+            f"give --validation LOG, or leave {'them' if given[1:] else 'it'} out"
+        )
+        raise UsageError(Notice(code="usage.no-validation", text=text))
     check_output(output, force=force, inputs=(estimate, *logs))
     from symid.elastic.storage import is_elastic_estimate
 
@@ -132,6 +140,7 @@ def _report_elastic(console: Console, call: _Call) -> Answer:
     from symid.report.elastic import ElasticExtras, write_elastic_report
     from symid.report.elastic_trial import try_estimate
 
+    check_settings(call.pairs, "elastic")
     found = read_elastic_estimate(call.estimate)
     extras = ElasticExtras()
     if call.logs:
@@ -139,8 +148,11 @@ def _report_elastic(console: Console, call: _Call) -> Answer:
         library, recordings, notices, origin = _read_logs(console, call, robot)
         found = read_elastic_estimate(call.estimate, library.card)
         console.progress(f"trying the model on {len(recordings)} log{'s'[: len(recordings) > 1]}")
-        moved, _, told = prepare_aligned(library, recordings)
-        trials = tuple(try_estimate(found, library, recording) for recording in moved)
+        kept = cut_logs(recordings, robot.processing)
+        moved, _, told = prepare_aligned(library, kept)
+        told += tuple(notice for entry in kept for notice in entry.notices if notice.code == "log.cut")
+        cutoff = find_asked_cutoff(robot, call.pairs)
+        trials = tuple(try_estimate(found, library, recording, cutoff=cutoff) for recording in moved)
         extras = ElasticExtras(trials=trials, notices=(*notices, *told), origin=origin)
     path = write_elastic_report(call.output, found, extras)
     return _answer(found.robot, path, [entry.source for entry in extras.trials], extras.notices)

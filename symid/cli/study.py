@@ -89,6 +89,7 @@ def _describe_elastic(study: "ElasticStudy", numbers: range) -> dict[str, object
                 "condition": entry.condition.value,
                 "seeds": entry.seeds,
                 "bound_percent": entry.bound,
+                "spring_bound_percent": entry.spring_bound,
                 "methods": [_describe_cell(cell) for cell in entry.cells],
             }
             for entry in study.studies
@@ -124,7 +125,10 @@ def _write_dataset(entry: "DatasetStudy") -> str:
     plural = "s" if entry.seeds > 1 else ""
     title = f"{entry.dataset}, {entry.condition.value}, {entry.seeds} run{plural}"
     if entry.bound == entry.bound:
-        title += f"; Cramer-Rao: {entry.bound:.3g} % standard deviation of the least certain parameter"
+        title += (
+            f"; Cramer-Rao: {entry.bound:.3g} % standard deviation of the least certain parameter, "
+            f"{entry.spring_bound:.3g} % where the form of the springs is known"
+        )
     rows = [
         [
             cell.method,

@@ -24,7 +24,7 @@ _MISSED = 1
     "--gate",
     type=FiniteRange(min=0.0, min_open=True),
     metavar="PERCENT",
-    help="Largest acceptable mean of the joints' relative residuals.",
+    help="Largest acceptable mean of the joints' relative residuals; of elastic joints, in each table.",
 )
 @click.option(
     "--tracking",

@@ -4,10 +4,11 @@ Input: what the command line says. Output: an answer.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from symid.cli.elastic_settings import check_settings, cut_logs, find_asked_cutoff
 from symid.cli.elastic_tables import describe_alignment
 from symid.cli.inputs import load_robot_library, load_robot_of_estimate, read_logs
 from symid.cli.options import DEFAULT_SEED
@@ -65,6 +66,15 @@ def find_missed_gate(reached: float, gate: float | None, source: str) -> tuple[N
     return (Notice(code="validate.gate-missed", text=text, file=source),)
 
 
+def _find_missed_gates(trial: "ElasticTrial", gate: float | None) -> tuple[Notice, ...]:
+    """Return what misses the gate: dynamics, and each of the two tables that springs take part in."""
+    return tuple(
+        replace(notice, text=f"{caption.rstrip('.')}: {notice.text}")
+        for (caption, _), reached in zip(trial.residuals, trial.means, strict=True)
+        for notice in find_missed_gate(reached, gate, trial.source)
+    )
+
+
 def answer_elastic(console: Console, call: ElasticCall) -> Answer:
     """Return what an estimate explains of a log, and how links follow with it.
 
@@ -75,8 +85,9 @@ def answer_elastic(console: Console, call: ElasticCall) -> Answer:
     from symid.elastic.torsion import prepare_aligned
     from symid.report.elastic_trial import try_estimate
 
+    check_settings(call.pairs, "elastic")
     robot = load_robot_of_estimate(call.robot, read_elastic_estimate(call.estimate), call.pairs)
-    (recording,) = read_logs((call.log,), robot)
+    (recording,) = cut_logs(read_logs((call.log,), robot), robot.processing)
     # A log with one position is refused before minutes go into a library.
     find_positions(recording)
     if call.tracking:
@@ -86,11 +97,11 @@ def answer_elastic(console: Console, call: ElasticCall) -> Answer:
     cases = _list_cases(call, found, library) if call.tracking else {}
     (moved,), alignment, told = prepare_aligned(library, (recording,))
     console.progress(f"validating on {recording.source}")
-    trial = try_estimate(found, library, moved)
+    trial = try_estimate(found, library, moved, cutoff=find_asked_cutoff(robot, call.pairs))
     tracking = _track(console, call, robot, library, cases) if call.tracking else None
     joints = [joint.name for joint in library.card.joints]
     units = [joint.position_unit for joint in library.card.joints]
-    errors = find_missed_gate(trial.mean_relative_percent, call.gate, trial.source)
+    errors = _find_missed_gates(trial, call.gate)
     result = {
         **_describe_trial(found, trial),
         "alignment": None if alignment is None else describe_alignment(alignment, joints),
@@ -118,7 +129,7 @@ def _warn(found: "ElasticEstimate", trial: "ElasticTrial") -> tuple[Notice, ...]
     beyond = [
         f"{entry.joint} {reached[entry.joint]:.3g} against {entry.torsion:.3g} {entry.position_unit}"
         for entry in found.springs
-        if reached[entry.joint] > _BEYOND * entry.torsion
+        if entry.told and reached[entry.joint] > _BEYOND * entry.torsion
     ]
     if beyond:
         text = (
@@ -143,9 +154,16 @@ def _list_cases(
     files = {"Case 1": (call.estimate, found)}
     if call.against is not None:
         files["Case 2"] = (call.against, read_elastic_estimate(call.against, library.card))
-    lacking = [path for path, estimate in files.values() if not estimate.springs]
+    lacking = [
+        path
+        for path, estimate in files.values()
+        if not estimate.springs or not all(spring.told for spring in estimate.springs)
+    ]
     if lacking:
-        text = "the estimate has no springs, which a feed-forward of elastic joints needs; identify them too"
+        text = (
+            "the estimate lacks springs, and a feed-forward of elastic joints needs them all; "
+            "identify them too"
+        )
         raise UsageError(*(Notice(code="usage.no-springs", text=text, file=str(path)) for path in lacking))
     return {f"{name}: {estimate.method}": estimate for name, (_, estimate) in files.items()}
 
@@ -189,8 +207,8 @@ def _describe_trial(found: "ElasticEstimate", trial: "ElasticTrial") -> dict[str
         "residual": describe_residual(trial.residuals[0][1]),
         "mean_relative_percent": trial.mean_relative_percent,
         "tables": [
-            {"caption": caption, "residual": describe_residual(entries)}
-            for caption, entries in trial.residuals
+            {"caption": caption, "residual": describe_residual(entries), "mean_relative_percent": mean}
+            for (caption, entries), mean in zip(trial.residuals, trial.means, strict=True)
         ],
     }
 
@@ -201,9 +219,15 @@ def _show_trial(robot: "Robot", trial: "ElasticTrial") -> str:
     head = (
         f"{robot.name} on {trial.source}: mean relative residual {mean:.4f} %, by motors and links together"
     )
+    if trial.means[1:]:
+        head += f"; with the springs {max(trial.means[1:]):.4f} %"
     parts = [f"{caption}\n\n{show_residual(entries)}" for caption, entries in trial.residuals]
-    if all(joint.final is None for joint in trial.joints):
-        parts.append("The estimate has no springs; what they would say of the log is not known.")
+    lacking = [joint.joint for joint in trial.joints if joint.final is None]
+    if lacking:
+        parts.append(
+            f"The estimate has no spring of {', '.join(lacking)}; what it would say of the log is not known, "
+            "and the gate says nothing of it."
+        )
     return "\n\n".join((head, *parts))
 
 

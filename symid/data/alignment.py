@@ -12,8 +12,9 @@ odd besides, dry friction and hysteresis, needs columns of its own. The fit is r
 really shifted until the delay no longer changes.
 
 Supported: a delay of any fraction of a sample, of either sign, shared by all joints and runs; an offset for
-each joint and run; standard deviations by leaving out blocks of time (the jackknife), which holds for errors
-that are correlated within a block; joints without a link encoder.
+each joint and run, where no constant torsion that the columns allow looks the same; standard deviations by
+leaving out blocks of time (the jackknife), which holds for errors that are correlated within a block; joints
+without a link encoder.
 Not supported: delays that change, or differ from joint to joint.
 """
 
@@ -24,13 +25,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, freeze
+from symid.data.cuts import cut_recording
 from symid.data.encoders import Encoders, find_encoders, shift_channel, split_blocks
 from symid.data.filters import differentiate, low_pass
 from symid.data.recording import Recording
 from symid.data.signals import describe_uneven
 from symid.errors import LogError, Notice
 
-__all__ = ["Alignment", "align", "find_alignment", "keep_significant"]
+__all__ = ["Alignment", "align", "find_alignment", "keep_significant", "move_link"]
 
 _CUTOFF = 25.0
 """Hz; above what robots move at."""
@@ -45,8 +47,14 @@ _SETTLED = 1e-4
 """Of a sample period: a shift this small ends the search."""
 _LARGEST = 0.1
 """Seconds; a larger delay is no delay between channels of one controller."""
+_RESTING = 0.02
+"""Rad or m, well above the torsion of a joint that rests."""
 _SURE = 5.0
 """Standard deviations from which on a delay or an offset counts as there."""
+_SMALLEST = 1e-6
+"""Seconds; joints move by less than a step of their encoders in it."""
+_ALONE = 0.02
+"""Of an offset's column, the part that no other column explains; with less it cannot be told from them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -56,7 +64,8 @@ class Alignment:
     Args:
         delay: s by which the link channel lags; `delay_std` its standard deviation.
         delays, delay_stds: (n,) of each joint alone; NaN where there is no link encoder.
-        offsets, offset_stds: (runs, n) rad or m to be added to the link channel; NaN likewise.
+        offsets, offset_stds: (runs, n) rad or m to be added to the link channel; NaN likewise, and where a
+            constant torsion looks like an offset.
         explained: (n,) part of the variance of theta - q, offsets apart, that the delay alone explains.
         residual: (n,) root mean square of what delay, offsets and columns leave, rad or m.
         present: (n,) joints with a link encoder.
@@ -79,10 +88,24 @@ class Alignment:
         for name in ("delays", "delay_stds", "offsets", "offset_stds", "explained", "residual"):
             object.__setattr__(self, name, freeze(getattr(self, name)))
 
+    @property
+    def unknown(self) -> NDArray[np.bool_]:
+        """Return which joints (n,) have a link encoder, but in some run an offset that cannot be told."""
+        result: NDArray[np.bool_] = self.present & np.isnan(self.offsets).any(axis=0)
+        return result
+
+    @property
+    def late(self) -> bool:
+        """Return whether there is a delay, of either sign, beyond doubt and of a size that matters."""
+        return abs(self.delay) > max(_SURE * self.delay_std, _SMALLEST)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Fit:
-    """Delay and offsets (1 + runs,) of one joint, their deviations, and the delay without each block."""
+    """Delay and offsets (1 + runs,) of one joint, their deviations, and the delay without each block.
+
+    Offsets that cannot be told from the columns are NaN.
+    """
 
     values: FloatArray
     stds: FloatArray
@@ -103,7 +126,8 @@ def find_alignment(
         block: length of the blocks of the jackknife in s.
 
     Raises:
-        LogError: a recording lacks an encoder, is uneven or too short; no joint has a link encoder or moves.
+        LogError: a recording lacks an encoder, is uneven or too short; no joint has a link encoder or moves;
+            the delay is beyond what is searched.
     """
     pairs = [find_encoders(recording) for recording in recordings]
     present = np.logical_and.reduce([pair.present for pair in pairs])
@@ -117,7 +141,15 @@ def find_alignment(
         step = _average_delay(fits)
         delay = float(np.clip(delay + step, -_LARGEST, _LARGEST))
     sources = tuple(recording.source for recording in recordings)
-    return _assemble(fits, delay - step, first, present, sources)
+    found = _assemble(fits, delay - step, first, present, sources)
+    # Slow logs may leave the delay so vague that the search wanders off; then none counts as there. A delay
+    # of a good part of a period may lead the search to a wrong one, which explains little.
+    beyond = max(abs(delay), abs(found.delay)) >= _LARGEST
+    gaps = [np.std(pair.theta - pair.q, axis=0) for pair in pairs]
+    lost = _find_most(recordings, pairs) < (np.max(gaps, axis=0) if beyond else found.residual)
+    if (beyond and found.late) or np.any(lost & present):
+        raise LogError(*(_say_beyond(recording) for recording in recordings))
+    return found
 
 
 def _check(recordings: Sequence[Recording], present: NDArray[np.bool_]) -> None:
@@ -134,6 +166,28 @@ def _check(recordings: Sequence[Recording], present: NDArray[np.bool_]) -> None:
         mistakes.append(Notice(code="log.no-link-encoder", text=text, file=recordings[0].source))
     if mistakes:
         raise LogError(*mistakes)
+
+
+def _find_most(recordings: Sequence[Recording], pairs: Sequence[Encoders]) -> FloatArray:
+    """Return half of what the largest delay makes of the speeds of the joints (n,), rad or m, and some more.
+
+    Joints that rest while others move have torsion and no speed.
+    """
+    speeds = [
+        np.sqrt(np.mean((np.diff(pair.theta, axis=0) / recording.period) ** 2, axis=0))
+        for recording, pair in zip(recordings, pairs, strict=True)
+    ]
+    most: FloatArray = _RESTING + 0.5 * _LARGEST * np.max(speeds, axis=0)
+    return most
+
+
+def _say_beyond(recording: Recording) -> Notice:
+    text = (
+        f"the delay between motor and link encoders is beyond the {1e3 * _LARGEST:g} ms that are searched, "
+        "or these are not two encoders of the same joints in the same order: check the columns, and bring "
+        "both channels onto one clock before"
+    )
+    return Notice(code="log.delay-beyond", text=text, file=recording.source)
 
 
 def _fit_joints(
@@ -172,9 +226,10 @@ def _fit_blocks(blocks: list[FloatArray], runs: int) -> _Fit:
     offsets = _left_over(whole[np.ix_(head[1:], head[1:])])
     delayed = _left_over(whole[np.ix_(head, head)])
     samples = sum(map(len, blocks))
+    seen = np.array([True, *(_is_alone(whole, 1 + run) for run in range(runs))])
     return _Fit(
-        values=values[: runs + 1],
-        stds=_find_deviation(replicates),
+        values=np.where(seen, values[: runs + 1], np.nan),
+        stds=np.where(seen, _find_deviation(replicates), np.nan),
         replicates=replicates[:, 0],
         explained=1.0 - delayed / max(offsets, 1e-300),
         residual=float(np.sqrt(max(_left_over(whole), 0.0) / samples)),
@@ -189,6 +244,13 @@ def _solve(gram: FloatArray) -> FloatArray:
     scaled = np.linalg.lstsq(inner / np.outer(scales, scales), right / scales, rcond=1e-12)[0]
     values: FloatArray = scaled / scales
     return values
+
+
+def _is_alone(gram: FloatArray, column: int) -> bool:
+    """Return whether a column of A says something that its others do not, from the Gram matrix of [A | y]."""
+    order = [*(other for other in range(len(gram) - 1) if other != column), column]
+    left = _left_over(gram[np.ix_(order, order)])
+    return left > _ALONE**2 * float(gram[column, column])
 
 
 def _left_over(gram: FloatArray) -> float:
@@ -254,7 +316,7 @@ def keep_significant(alignment: Alignment) -> Alignment | None:
     A delay or offset counts from five standard deviations on: moving a channel by what it does not lag would
     spoil a good recording.
     """
-    delay = alignment.delay if abs(alignment.delay) > _SURE * alignment.delay_std else 0.0
+    delay = alignment.delay if alignment.late else 0.0
     sure = np.abs(alignment.offsets) > _SURE * alignment.offset_stds
     offsets = np.where(np.isnan(alignment.offsets), np.nan, np.where(sure, alignment.offsets, 0.0))
     if delay == 0.0 and not sure.any():
@@ -262,41 +324,55 @@ def keep_significant(alignment: Alignment) -> Alignment | None:
     return replace(alignment, delay=delay, offsets=offsets)
 
 
+def move_link(recording: Recording, alignment: Alignment, *, run: int) -> Recording:
+    """Return the recording with its link channel shifted by `delay`, the offset of run `run` added.
+
+    No sample is cut off; those that the shifted channel does not reach repeat its end. Joints without a link
+    encoder stay as they are, and so do zeros that cannot be told.
+    """
+    pair, delay = find_encoders(recording), alignment.delay
+    moved = shift_channel(recording.time, pair.q, delay) + _list_offsets(alignment, run)
+    moved = np.where(alignment.present, moved, pair.q)
+    if recording.motor_position is None:
+        return replace(recording, link_position=moved)
+    velocity = recording.velocity
+    if velocity is not None:
+        velocity = shift_channel(recording.time, velocity, delay)
+    return replace(recording, position=moved, velocity=velocity)
+
+
 def align(recording: Recording, alignment: Alignment, *, run: int) -> Recording:
     """Return the recording with its link channel on the motor's clock and zero, and a notice that says so.
 
-    The channel is shifted by `delay` and gets the offset of run `run`; samples that it does not reach are cut
-    off. Joints without a link encoder stay as they are.
+    The channel is moved as by `move_link`; samples that it does not reach are cut off.
     """
-    pair, delay = find_encoders(recording), alignment.delay
-    offsets = np.where(alignment.present, alignment.offsets[run], 0.0)
-    moved = np.where(alignment.present, shift_channel(recording.time, pair.q, delay) + offsets, pair.q)
+    delay = alignment.delay
     lost = int(np.ceil(abs(delay) / recording.period - 1e-9))
     kept = slice(0, len(recording.time) - lost) if delay >= 0.0 else slice(lost, None)
-    velocity = recording.velocity
-    if velocity is not None and recording.motor_position is not None:
-        velocity = shift_channel(recording.time, velocity, delay)
-    on_link = recording.motor_position is not None
-    return replace(
-        recording,
-        time=recording.time[kept],
-        position=moved[kept] if on_link else recording.position[kept],
-        torque=recording.torque[kept],
-        velocity=None if velocity is None else velocity[kept],
-        motor_position=pair.theta[kept] if on_link else None,
-        link_position=None if on_link else moved[kept],
-        extras={
-            name: values[kept] if len(values) == len(recording.time) else values
-            for name, values in recording.extras.items()
-        },
-        notices=(*recording.notices, _say_moved(recording, alignment, offsets, lost)),
-    )
+    moved = cut_recording(move_link(recording, alignment, run=run), kept)
+    notice = Notice(code="log.aligned", text=_say_moved(alignment, run, lost), file=recording.source)
+    return replace(moved, notices=(*recording.notices, notice))
 
 
-def _say_moved(recording: Recording, alignment: Alignment, offsets: FloatArray, lost: int) -> Notice:
-    text = (
-        f"the link encoders were moved by {1e3 * alignment.delay:.4g} ms (standard deviation "
-        f"{1e3 * alignment.delay_std:.2g} ms) onto the clock of the motor encoders, and by zero offsets of "
-        f"up to {float(np.max(np.abs(offsets))):.3g}; {lost} samples at the end were cut off"
-    )
-    return Notice(code="log.aligned", text=text, file=recording.source)
+def _list_offsets(alignment: Alignment, run: int) -> FloatArray:
+    offsets: FloatArray = np.nan_to_num(alignment.offsets[run], nan=0.0)
+    return offsets
+
+
+def _say_moved(alignment: Alignment, run: int, lost: int) -> str:
+    """Return what was done to the link channel; a delay of no significance is not spoken of."""
+    parts = []
+    if alignment.late:
+        side = "later" if alignment.delay > 0.0 else "earlier"
+        parts.append(
+            f"by {1e3 * abs(alignment.delay):.4g} ms "
+            f"(standard deviation {1e3 * alignment.delay_std:.2g} ms), which they "
+            f"are {side} than the motor encoders"
+        )
+    largest = float(np.max(np.abs(_list_offsets(alignment, run))))
+    if largest:
+        parts.append(f"by zero offsets of up to {largest:.3g}")
+    text = f"the link encoders were moved {', and '.join(parts)}" if parts else "the link encoders stay"
+    if not lost:
+        return text
+    return f"{text}; {lost} samples at the {'end' if alignment.delay > 0.0 else 'beginning'} were cut off"

@@ -53,6 +53,8 @@ def read_recording(path: Path, robot: Robot) -> Recording:
     columns: dict[str, tuple[str, ...]] = {}
     for name in ("position", "velocity", "torque", *_ENCODERS):
         values[name], columns[name] = find_quantity(raw, robot, name, samples, findings)
+    if values["position"] is None:
+        _explain_side(columns, findings)
     # A velocity stops nothing: no stage uses it.
     needed = (column for name in ("position", "torque", *_ENCODERS) for column in columns[name])
     _check_numbers(raw, (*used, *needed), findings)
@@ -79,6 +81,24 @@ def read_recording(path: Path, robot: Robot) -> Recording:
     )
 
 
+def _explain_side(columns: dict[str, tuple[str, ...]], findings: Findings) -> None:
+    """Say what the one position of a log is good for, where it has that of one side alone."""
+    motor, link = (columns[name] for name in _ENCODERS)
+    if motor and not link:
+        text = (
+            f"the log has the positions of the motors ({', '.join(motor)}) and none of the links: name these "
+            "columns in [log.position], for what the motor side alone can tell"
+        )
+        findings.refuse("log.one-side", text)
+    if link and not motor:
+        text = (
+            f"the log has the positions of the links ({', '.join(link)}) and none of the motors, with which "
+            "friction and rotors of elastic joints turn: add those of the motors; where joints are rigid, "
+            "name these columns in [log.position]"
+        )
+        findings.refuse("log.one-side", text)
+
+
 def _check_encoders(columns: dict[str, tuple[str, ...]], findings: Findings) -> None:
     """Refuse a log whose positions have two second encoders, or one that is the first one again."""
     motor, link = (columns[name] for name in _ENCODERS)
@@ -94,7 +114,12 @@ def _check_encoders(columns: dict[str, tuple[str, ...]], findings: Findings) -> 
     for name in _ENCODERS:
         if columns[name] and columns[name] == columns["position"]:
             text = f"{name} and position are the same columns ({', '.join(columns[name])})"
-            findings.refuse("log.same-encoder", f"{text}: one encoder tells no torsion; leave {name} out")
+            remedy = (
+                "name the columns of the motors in [log.position]; where joints are rigid, leave it out"
+                if name == "link_position"
+                else "leave it out"
+            )
+            findings.refuse("log.same-encoder", f"{text}: one encoder tells no torsion; {remedy}")
 
 
 def _remark_unused(names: tuple[str, ...], velocity: tuple[str, ...], findings: Findings) -> None:

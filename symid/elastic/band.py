@@ -25,6 +25,7 @@ from symid.codegen.functions import ModelCard
 from symid.codegen.library import Library
 from symid.data.filters import differentiate, low_pass
 from symid.elastic.consistency import solve_consistent
+from symid.elastic.covariance import find_covariance
 from symid.elastic.signals import ElasticSignals
 
 __all__ = ["BandFit", "BandRows", "build_band_rows", "find_wide_cutoff", "fit_band"]
@@ -64,7 +65,10 @@ class BandRows:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BandFit:
-    """chi (p + n + pf,) with its covariance, and the scatter of every group, N m or N."""
+    """chi (p + n + pf,) with its covariance, and the scatter of every group, N m or N.
+
+    Parameters that the rows do not tell have infinite variances.
+    """
 
     chi: FloatArray
     covariance: FloatArray
@@ -115,11 +119,7 @@ def fit_band(card: ModelCard, rows: BandRows, use: NDArray[np.bool_] | None = No
         members = np.maximum(np.bincount(group, minlength=count), 1)
         scatter = np.maximum(np.sqrt(total / members), floor)
         weights = 1.0 / scatter[group]
-    whitened = design * weights[:, None]
-    lengths = np.maximum(np.linalg.norm(whitened, axis=0), 1e-300)
-    inverse = np.linalg.pinv(whitened / lengths, rcond=1e-12)
-    covariance = (inverse @ inverse.T) / np.outer(lengths, lengths)
-    return BandFit(chi=chi, covariance=covariance, scatter=scatter)
+    return BandFit(chi=chi, covariance=find_covariance(design * weights[:, None]), scatter=scatter)
 
 
 def _find_edge(period: float) -> float:

@@ -1,4 +1,4 @@
-"""Which method the data support: how well each foretells torques that it has not seen.
+"""Which method the data support: how well each foretells torques that its dynamics have not seen.
 
 Candidates -> scores -> the best.
 
@@ -12,7 +12,10 @@ Noise blurs scores, most where motions tell a parameter badly. Of the methods wh
 the least one (two standard errors of the difference, found from blocks of time), the one with the smallest
 standard deviations is taken.
 
-Supported: methods whose dynamics are linear least squares once the springs are known.
+The springs have seen all torques: a score speaks of dynamics. Those of the one-shot problem are moved by what
+linear least squares with its springs make of the rows left out (`methods`).
+
+Supported: methods whose dynamics are linear least squares once springs are known, and the one-shot problem.
 Not supported: a choice among springs; those of the chosen method are taken.
 """
 

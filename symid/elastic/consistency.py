@@ -2,7 +2,8 @@
 
 Equations -> parameters. The mass matrix is checked afterwards, over the poses of the recordings.
 
-Supported: lower bounds of zero, active only where the free solution breaks them.
+Supported: lower bounds of zero, active only where the free solution breaks them; equations that do not tell
+all parameters, for which the shortest solution is taken.
 Not supported: full physical consistency of the links; their mass matrix is checked, not forced.
 """
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen.functions import ModelCard
+from symid.identification.identifiability import RankRule
 
 __all__ = ["find_lower_bounds", "solve_consistent"]
 
@@ -29,6 +31,7 @@ def solve_consistent(card: ModelCard, matrix: FloatArray, right: FloatArray) -> 
     """Return argmin |matrix x - right| (p,), x = [chi; stiffnesses], not below its bounds.
 
     By QR with columns scaled to length one; the bounded problem is solved only where a bound is broken.
+    Columns and directions that count as not seen (`RankRule`) get zero.
 
     Args:
         card: names the parameters of chi; columns beyond it are stiffnesses.
@@ -37,15 +40,22 @@ def solve_consistent(card: ModelCard, matrix: FloatArray, right: FloatArray) -> 
     """
     count = matrix.shape[1]
     lengths = np.linalg.norm(matrix, axis=0)
-    alive: NDArray[np.bool_] = lengths > 0.0
+    rule = RankRule()
+    alive: NDArray[np.bool_] = lengths > rule.zero * max(float(lengths.max(initial=0.0)), 1e-300)
     scales = np.where(alive, lengths, 1.0)
-    triangle: FloatArray = np.asarray(np.linalg.qr(np.column_stack([matrix / scales, right]), mode="r"))
-    solution: FloatArray = np.linalg.lstsq(triangle[:, :count], triangle[:, count], rcond=1e-12)[0] / scales
+    columns = np.where(alive, matrix, 0.0) / scales
+    triangle: FloatArray = np.asarray(np.linalg.qr(np.column_stack([columns, right]), mode="r"))
+    answer = np.linalg.lstsq(triangle[:, :count], triangle[:, count], rcond=rule.singular)
+    solution: FloatArray = answer[0] / scales
     low = find_lower_bounds(card, count - len(card.beta) - card.size - len(card.friction))
     if np.all(solution >= low):
         return solution
     from scipy.optimize import lsq_linear
 
-    answer = lsq_linear(triangle[:, :count], triangle[:, count], bounds=(low * scales, np.inf), method="bvls")
-    bounded: FloatArray = answer.x / scales
+    left, values = triangle[:, :count], triangle[:, count]
+    if answer[2] < count:
+        # Of the many solutions the bounded problem must take a short one too; this hardly weighs elsewhere.
+        left = np.vstack([left, rule.singular * answer[3][0] * np.eye(count)])
+        values = np.concatenate([values, np.zeros(count)])
+    bounded: FloatArray = lsq_linear(left, values, bounds=(low * scales, np.inf), method="bvls").x / scales
     return bounded

@@ -2,23 +2,47 @@
 
 Rows and residuals -> covariance; noise-free states and torque noise -> the Cramer-Rao bound.
 
-Supported: residuals that are correlated in time over less than a hundredth of the rows.
+Supported: residuals that are correlated in time over less than a hundredth of the rows; rows that do not tell
+all parameters, whose variance is infinite then.
 Not supported: the uncertainty of the springs that a fit took as given.
 """
 
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen.library import Library
 from symid.data.filters import differentiate
 from symid.elastic.signals import ElasticSignals
-from symid.identification.statistics import find_inverse_root
+from symid.identification.identifiability import RankRule, ScaledSpectrum, find_spectrum
 
-__all__ = ["find_bound", "find_clustered_covariance"]
+__all__ = ["find_bound", "find_clustered_covariance", "find_covariance", "find_told", "mark_untold"]
 
 _BLOCKS = 100
+_RULE = RankRule()
+
+
+def find_told(design: FloatArray) -> NDArray[np.bool_]:
+    """Return which parameters (p,) the rows `design` (m, p) can tell apart from all others."""
+    return _find_told(find_spectrum(design, _RULE.zero))
+
+
+def mark_untold(covariance: FloatArray, told: NDArray[np.bool_]) -> FloatArray:
+    """Return `covariance` (p, p) with infinite variances where not `told` (p,), and no correlations there."""
+    marked = covariance.copy()
+    marked[~told, :] = 0.0
+    marked[:, ~told] = 0.0
+    marked[~told, ~told] = np.inf
+    return marked
+
+
+def find_covariance(design: FloatArray) -> FloatArray:
+    """Return (F'F)^-1 (p, p) of rows F (m, p) with noise of size one; infinite variances where not told."""
+    spectrum = find_spectrum(design, _RULE.zero)
+    root = _find_inverse_root(spectrum)
+    return mark_untold(root @ root.T, _find_told(spectrum))
 
 
 def find_clustered_covariance(design: FloatArray, errors: FloatArray) -> FloatArray:
@@ -30,15 +54,12 @@ def find_clustered_covariance(design: FloatArray, errors: FloatArray) -> FloatAr
         design: F (m, p), in the order of time.
         errors: e (m,).
     """
-    lengths = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
-    scaled = design / lengths
-    root = find_inverse_root(scaled)
+    spectrum = find_spectrum(design, _RULE.zero)
+    root = _find_inverse_root(spectrum)
     blocks = np.array_split(np.arange(len(errors)), min(_BLOCKS, len(errors)))
-    scores = np.stack([scaled[block].T @ errors[block] for block in blocks])
-    left = root @ root.T
-    spread = scores @ left / lengths
-    covariance: FloatArray = spread.T @ spread
-    return covariance
+    scores = np.stack([design[block].T @ errors[block] for block in blocks])
+    spread = (scores @ root) @ root.T
+    return mark_untold(spread.T @ spread, _find_told(spectrum))
 
 
 def find_bound(
@@ -68,3 +89,16 @@ def find_bound(
     scales = np.sqrt(np.maximum(np.diag(information), 1e-300))
     bound: FloatArray = np.linalg.inv(information / np.outer(scales, scales)) / np.outer(scales, scales)
     return bound
+
+
+def _find_told(spectrum: ScaledSpectrum) -> NDArray[np.bool_]:
+    hidden = spectrum.directions[spectrum.singular <= _RULE.singular * spectrum.singular[0]]
+    told: NDArray[np.bool_] = (np.sum(hidden**2, axis=0) <= _RULE.share) & (spectrum.lengths > 0.0)
+    return told
+
+
+def _find_inverse_root(spectrum: ScaledSpectrum) -> FloatArray:
+    """Return a root (p, r) of the pseudo-inverse of F'F, columns scaled, over the directions seen."""
+    seen = spectrum.singular > _RULE.singular * spectrum.singular[0]
+    root: FloatArray = spectrum.scales[:, None] * spectrum.directions[seen].T / spectrum.singular[seen]
+    return root

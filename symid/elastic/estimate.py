@@ -28,6 +28,7 @@ class SpringEstimate:
         torsion: the largest |phi| in the recordings, rad or m.
         excited: the largest threshold whose stop slipped, 0 for none: stops beyond it are not seen.
         torque: the largest |tau_J| that the spring gave: knees beyond it are not seen.
+        told: whether the recordings tell the spring; where not, its numbers mean nothing: `reason` says why.
     """
 
     joint: str
@@ -38,6 +39,8 @@ class SpringEstimate:
     excited: float
     torque: float
     truth: Elasticity | None = None
+    told: bool = True
+    reason: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,7 +73,7 @@ class ElasticEstimate:
         condition: of the column-scaled rows that the dynamics were fitted to.
         outcome, history: how the method ended, and its iterations.
         trials: all methods that were compared.
-        refused: parameters that the recordings cannot tell, with the reason.
+        refused: parameters and springs that the recordings cannot tell, with the reason.
         covariance: of `parameters`, row by row.
         sources: the recordings; settings: all options; notices: what a reader should know.
     """

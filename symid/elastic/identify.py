@@ -13,18 +13,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
-from symid.codegen.functions import ParameterCard
 from symid.codegen.library import Library
 from symid.data.recording import Recording
 from symid.elastic.choice import Score
-from symid.elastic.doubts import check_recordings, warn_of_fit
+from symid.elastic.covariance import find_told
+from symid.elastic.doubts import check_recordings, find_unknown, list_cards, warn_of_condition, warn_of_fit
 from symid.elastic.estimate import ElasticEstimate, MethodTrial
 from symid.elastic.fit import ElasticFit
 from symid.elastic.methods import ElasticWork, build_work, find_linear_rows, fit_method
 from symid.elastic.options import ElasticOptions
-from symid.elastic.residuals import find_energy_residual, find_torque_residuals, list_springs
+from symid.elastic.residuals import find_energy_residual, find_torque_residuals, judge_springs, list_springs
 from symid.elastic.selection import choose_fit, fit_candidates
 from symid.errors import Notice
 from symid.identification.estimate import ParameterEstimate
@@ -62,22 +63,23 @@ def identify_elastic(
     Raises:
         UsageError: the robot is not elastic, no recording is given, or windows or thresholds do not fit.
         LogError: a recording lacks an encoder, has another number of joints, is too short or uneven.
-        IdentifiabilityError: nothing moves, or all torsions drown in the encoders' noise.
+        IdentifiabilityError: nothing moves, no torque is measured, all torsions drown in the encoders' noise,
+            or no spring explains any joint's torque.
     """
     options = options or ElasticOptions()
     hidden = check_recordings(library.card, recordings)
     work = build_work(library, tuple(recordings), options)
     choice = _choose(work, options)
     fit = choice.fit
-    rows = find_linear_rows(work, fit)
-    refused, condition = _find_refused(library, rows.design)
+    told, condition = _find_told(find_linear_rows(work, fit).design)
+    springs = judge_springs(work, fit, hidden, warn_of_condition(work, fit, condition))
     return ElasticEstimate(
         robot=library.card.robot,
         signature=library.card.signature,
         method=fit.method,
         reason=choice.reason,
         parameters=_list_parameters(library, fit),
-        springs=list_springs(work, fit),
+        springs=list_springs(work, fit, springs),
         residual=find_torque_residuals(work, fit),
         energy=find_energy_residual(work, fit),
         condition=condition,
@@ -86,9 +88,14 @@ def identify_elastic(
         trials=_list_trials(choice),
         sources=tuple(recording.source for recording in recordings),
         settings=_write_settings(work, options, echo or {}),
-        refused=refused,
+        refused=_list_refused(library, told, find_unknown(work, fit), springs),
         covariance=_write_covariance(fit),
-        notices=(*hidden, *choice.notices, *fit.notices, *warn_of_fit(work, fit, condition)),
+        notices=(
+            *springs.values(),
+            *choice.notices,
+            *fit.notices,
+            *warn_of_fit(work, fit, condition, springs),
+        ),
     )
 
 
@@ -110,7 +117,7 @@ def _choose(work: ElasticWork, options: ElasticOptions) -> _Choice:
 def _list_parameters(library: Library, fit: ElasticFit) -> tuple[ParameterEstimate, ...]:
     covariance = fit.covariance if fit.covariance is not None else np.zeros((len(fit.chi),) * 2)
     deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    cards = _list_cards(library)
+    cards = list_cards(library.card)
     return tuple(
         ParameterEstimate(
             name=card.name,
@@ -123,19 +130,6 @@ def _list_parameters(library: Library, fit: ElasticFit) -> tuple[ParameterEstima
         )
         for card, value, deviation in zip(cards, fit.chi, deviations, strict=True)
     )
-
-
-def _list_cards(library: Library) -> tuple[ParameterCard, ...]:
-    """Return the cards of chi; an elastic joint whose file states no rotor has one nevertheless."""
-    card = library.card
-    known = {entry.name: entry for entry in card.rotors}
-    rotors = []
-    for joint in card.joints:
-        name = f"IA{joint.number}"
-        unit = "kg" if joint.kind == "prismatic" else "kg m^2"
-        plain = ParameterCard(name=name, expression=name, unit=unit, reason="", joint=joint.name)
-        rotors.append(known.get(name, plain))
-    return (*card.beta, *rotors, *card.friction)
 
 
 def _list_trials(choice: _Choice) -> tuple[MethodTrial, ...]:
@@ -151,20 +145,27 @@ def _list_trials(choice: _Choice) -> tuple[MethodTrial, ...]:
     )
 
 
-def _find_refused(library: Library, design: FloatArray) -> tuple[tuple[tuple[str, str], ...], float]:
-    """Return the parameters that the rows cannot tell, and the condition number of the others."""
-    rule = RankRule()
-    spectrum = find_spectrum(design, rule.zero)
-    seen = spectrum.singular > rule.singular * spectrum.singular[0]
-    share = np.sum(spectrum.directions[~seen] ** 2, axis=0)
-    names = [card.name for card in _list_cards(library)]
-    reason = "the motions of these recordings do not tell it apart from others"
-    refused = tuple(
-        (name, reason)
-        for name, part, length in zip(names, share, spectrum.lengths, strict=True)
-        if part > rule.share or length == 0.0
+def _find_told(design: FloatArray) -> tuple[NDArray[np.bool_], float]:
+    """Return which parameters the rows tell, and the condition number over the directions that they see."""
+    spectrum = find_spectrum(design, RankRule().zero)
+    seen = spectrum.singular > RankRule().singular * spectrum.singular[0]
+    return find_told(design), float(spectrum.singular[0] / spectrum.singular[seen][-1])
+
+
+def _list_refused(
+    library: Library, told: NDArray[np.bool_], unknown: Mapping[str, str], springs: Mapping[int, Notice]
+) -> tuple[tuple[str, str], ...]:
+    """Return names and reasons of the parameters and springs that the recordings cannot tell."""
+    apart = "the motions of these recordings do not tell it apart from others"
+    joints = library.card.joints
+    return (
+        *(
+            (card.name, apart if not known else unknown[card.name])
+            for card, known in zip(list_cards(library.card), told.tolist(), strict=True)
+            if not known or card.name in unknown
+        ),
+        *((f"spring of {joints[joint].name}", notice.text) for joint, notice in springs.items()),
     )
-    return refused, float(spectrum.singular[0] / spectrum.singular[seen][-1])
 
 
 def _write_covariance(fit: ElasticFit) -> tuple[tuple[float, ...], ...]:

@@ -6,9 +6,10 @@ Torsion and torque -> KuhnenFit.
     outer         S'(tau) = tau + sum_j w'_j S_rj(tau)
 
 S' is the inverse of the outer function, tau = S(v), with knees at given torques. e is linear in all weights.
-The slope of S' at zero torque is one, which fixes the scale. In slopes c'_j beyond the knees, and in sums of
-plays, v = sum_i W_i (P_i - P_i+1), both blocks of inequalities, W_i >= least and c'_j >= least, are bounds:
-the program is least squares with bounds. Passive springs bound the stops: k0 >= least, k_i >= 0.
+The slope of S' at zero torque is one, which fixes the scale: knees keep away from there. In slopes c'_j
+beyond the knees, and in sums of plays, v = sum_i W_i (P_i - P_i+1), both blocks of inequalities, W_i >= least
+and c'_j >= least, are bounds: the program is least squares with bounds. Passive springs bound the stops:
+k0 >= least, k_i >= 0.
 (Kuhnen, European Journal of Control 9 (2003) 407-418.)
 
 Supported: weights of both signs, or passive springs; any signed knees.
@@ -21,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from symid.arrays import FloatArray
+from symid.elastic.spring_weights import LEAST_KNEE
 from symid.errors import Notice, UsageError
 from symid.joint.plays import find_stop_basis
 from symid.robot.elasticity import Elasticity, Knee, Stop
@@ -63,7 +65,7 @@ def fit_kuhnen(
         least: slopes of v, relative to that of the whole record, and of S' are not less.
 
     Raises:
-        UsageError: thresholds or knees are no grid, or there are fewer samples than weights.
+        UsageError: thresholds or knees are no grid, a knee is near zero torque, or there are too few samples.
     """
     radii, outer = np.asarray(thresholds, dtype=np.float64), np.asarray(knees, dtype=np.float64)
     _check(torsion, torque, radii, outer)
@@ -204,6 +206,10 @@ def _check(torsion: FloatArray, torque: FloatArray, radii: FloatArray, knees: Fl
     if not mistakes and not np.all((knees > torque.min()) & (knees < torque.max())):
         text = f"torques reach from {torque.min():.6g} to {torque.max():.6g}"
         mistakes.append(f"knees {knees.tolist()}: {text}; nothing is known beyond")
+    near = [float(knee) for knee in knees if knee and abs(knee) < LEAST_KNEE * np.max(np.sign(knee) * torque)]
+    if not mistakes and near:
+        text = f"must be {LEAST_KNEE:.0%} of the largest torque on their side at least"
+        mistakes.append(f"knees {near}: {text}; nearer to zero the slope of one there fixes no scale")
     if np.any(knees == 0.0) or np.any(np.diff(knees) <= 0.0):
         mistakes.append(f"knees {knees.tolist()}: must differ from 0 and increase, each once")
     if mistakes:

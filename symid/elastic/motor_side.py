@@ -9,21 +9,26 @@ Supported: the rigid model with rotors merged, by any rows and estimator.
 Not supported: stiffness, hysteresis, and rotor and link inertia apart; each is refused with its reason.
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from symid.data.recording import Recording
-from symid.errors import Notice
-from symid.identification.estimate import Estimate, Outcome
+from symid.errors import LogError, Notice
+from symid.identification.estimate import Estimate, Outcome, ParameterEstimate
 from symid.robot.description import Robot
 
 __all__ = [
     "build_motor_recording",
     "build_rigid_estimate",
     "build_rigid_variant",
+    "check_motor_side",
     "find_unseen",
     "has_both_encoders",
     "refuse_elasticity",
+    "warn_of_rotors",
 ]
 
 _STIFFNESS = (
@@ -37,6 +42,8 @@ _SPLIT = (
     "rotor inertia, the torsion that it does not know biases it against the link's, and their sum is what "
     "holds; take the rotor's from the data sheet, or measure the link's position"
 )
+_LINK_NAME = re.compile(r"link_position_?\d*")
+_ROTOR_NAME = re.compile(r"IA\d+")
 _MIXED = (
     "the methods for springs and hysteresis need a robot whose joints are all elastic, and this one has "
     "rigid joints besides; --method stiffness looks at its springs"
@@ -55,17 +62,23 @@ def build_rigid_estimate(estimate: Estimate, robot: Robot) -> Estimate:
 
 
 def build_motor_recording(recording: Recording, robot: Robot) -> Recording:
-    """Return a recording as the motor side alone would have it, where that is what an estimate is of.
+    """Return a recording as the motor side alone has it, for the rigid variant of an elastic robot.
 
-    Of a robot whose joints are all elastic, logs with both positions are never identified as rigid; an
-    estimate of its rigid variant took the position of the motors for that of the joints.
+    Friction and rotors turn with the motors, gravity with the links: the position of the motors is right for
+    the former, and wrong by the torsion for the latter. That of the links would be wrong by the speed of the
+    torsion wherever friction changes its sign.
     """
-    if not all(robot.elastic) or recording.motor_position is None:
+    if not any(robot.elastic) or recording.motor_position is None:
         return recording
-    text = "the log has two positions a joint: that of the motor was taken, which the estimate is of"
+    # A rigid joint has one position, whichever encoder saw it; a channel that never moves is no encoder.
+    taken = np.array(robot.elastic) & (np.ptp(recording.motor_position, axis=0) > 0.0)
+    text = (
+        "the log has two positions a joint: that of the motor was taken for elastic joints, because friction "
+        "and rotors turn with it; gravity is wrong by the torsion"
+    )
     return replace(
         recording,
-        position=recording.motor_position,
+        position=np.where(taken, recording.motor_position, recording.position),
         velocity=None,
         motor_position=None,
         notices=(
@@ -73,6 +86,38 @@ def build_motor_recording(recording: Recording, robot: Robot) -> Recording:
             Notice(code="log.motor-position", text=text, file=recording.source),
         ),
     )
+
+
+def check_motor_side(robot: Robot, recordings: Sequence[Recording]) -> None:
+    """Refuse logs whose one position is that of the links by the name of its columns.
+
+    Raises:
+        LogError: it is.
+    """
+    position, link = robot.log.position, robot.log.link_position
+    columns = () if position is None else position.columns
+    known = () if link is None else link.columns
+    if not columns or not all(name in known or _LINK_NAME.fullmatch(name) for name in columns):
+        return
+    text = (
+        f"its one position ({', '.join(columns)}) is that of the links, and the motor side of elastic joints "
+        "cannot be identified from it: friction and rotors turn with the motors; name the columns of the "
+        "motors in [log.motor_position], or in [log.position] alone"
+    )
+    raise LogError(*(Notice(code="elastic.link-side", text=text, file=entry.source) for entry in recordings))
+
+
+def warn_of_rotors(parameters: Sequence[ParameterEstimate]) -> tuple[Notice, ...]:
+    """Return a warning where rotor inertias are negative, which no motor has."""
+    names = [entry.name for entry in parameters if _ROTOR_NAME.fullmatch(entry.name) and entry.value < 0.0]
+    if not names:
+        return ()
+    text = (
+        f"negative rotor inertia, which no motor has: {', '.join(names)}; the position taken for that of the "
+        "motors may be that of the links, the sign or factor of the torque may be wrong, or the motions are "
+        "too slow to tell rotors from links: check the log's columns, or take the inertia from the data sheet"
+    )
+    return (Notice(code="elastic.negative-rotor", text=text),)
 
 
 def has_both_encoders(recordings: Sequence[Recording]) -> bool:
@@ -115,5 +160,9 @@ def refuse_elasticity(estimate: Estimate, robot: Robot, *, both: bool = False) -
         estimate,
         refused=(*estimate.refused, *unseen),
         outcome=Outcome.SOME_REFUSED,
-        notices=(Notice(code="elastic.motor-side", text=text), *estimate.notices),
+        notices=(
+            Notice(code="elastic.motor-side", text=text),
+            *warn_of_rotors(estimate.parameters),
+            *estimate.notices,
+        ),
     )

@@ -5,48 +5,38 @@ ElasticProblem -> NlpFit.
     rows         linear parts once, knees and Stribeck friction as steps     (nlp_rows)
     unknowns     chi, weights k >= 0, slopes c > 0, Fs, vs                   (nlp_layout)
     rounds       minimise sum_b |r_b|^2 / sigma_b^2, then sigma_b <- rms r_b   (nlp_solver)
+    places       those of a start move between rounds, by Gauss and Newton        (nlp_places)
 
-Positions of stops and knees are fixed: those of a start that has them, or a grid, whose knees follow the
-torque that the springs reach. With knees of a grid close to zero torque the cost can have several minima.
-What no motion shows is said: stops beyond the torsion, knees beyond the torque.
+Stops and knees that are given, or on a grid, stay where they are; knees of a grid follow the torque that the
+springs reach, and where they are close to zero torque the cost can have several minima. What no motion shows
+is said: stops beyond the torsion, knees beyond the torque.
 
 Supported: energy, filtered and momentum rows; Stribeck friction; odd springs.
-Not supported: joint damping, cubic springs, unknown positions of stops and knees.
+Not supported: joint damping, cubic springs; another number of stops and knees than that of the start.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray
 from symid.elastic.elimination import fit_elimination
 from symid.elastic.fit import ElasticFit, HistoryEntry
 from symid.elastic.iteration import fit_linear_spring
 from symid.elastic.nlp_cost import NlpCost
 from symid.elastic.nlp_covariance import find_nlp_covariance
-from symid.elastic.nlp_layout import (
-    NlpLayout,
-    SpringGrid,
-    SpringLayout,
-    build_layout,
-    build_spring,
-    flatten_slopes,
-)
+from symid.elastic.nlp_layout import NlpLayout, build_spring, flatten_slopes
 from symid.elastic.nlp_options import NlpOptions
-from symid.elastic.nlp_rows import NlpRecording, build_nlp_recording
+from symid.elastic.nlp_places import REST, find_place_slopes, list_places, move_places
+from symid.elastic.nlp_setting import NlpSetting, prepare_setting
 from symid.elastic.nlp_solver import NlpRun, find_scales, optimise_nlp
-from symid.elastic.nlp_starts import find_linear_sigmas, find_sigmas, find_start, list_weights
+from symid.elastic.nlp_starts import find_linear_sigmas, find_sigmas, find_start
 from symid.elastic.problem import ElasticProblem, build_fit
 from symid.errors import Notice
 from symid.robot.elasticity import Elasticity
 
 __all__ = ["NlpFit", "fit_nlp"]
-
-_SHIFT = 1e-4
-"""Of the place of a stop or knee, for derivatives by it."""
-_REST = 1e-9
-"""Of the linear spring: weights below it are zero."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -68,32 +58,6 @@ class NlpFit:
     stiffness: FloatArray
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Setting:
-    """What all rounds share; `knees` is None where they lie on a grid over the torque."""
-
-    problem: ElasticProblem
-    options: NlpOptions
-    recordings: tuple[NlpRecording, ...]
-    thresholds: tuple[FloatArray, ...]
-    knees: tuple[tuple[float, ...], ...] | None
-    stiffness: FloatArray
-
-    def lay_out(self, springs: Sequence[Elasticity]) -> NlpLayout:
-        """Return the unknowns, with knees for what `springs` reach."""
-        knees = self.knees if self.knees is not None else _place_knees(self, springs)
-        grids = []
-        for joint, thresholds in enumerate(self.thresholds):
-            grid = SpringGrid(
-                thresholds=thresholds,
-                knees=knees[joint],
-                stiffness=float(self.stiffness[joint]),
-                reach=max(float(np.abs(part.bases[joint][:, 0]).max()) for part in self.recordings),
-            )
-            grids.append(grid)
-        return build_layout(self.problem.library.card, grids, self.options)
-
-
 def fit_nlp(
     problem: ElasticProblem, options: NlpOptions | None = None, start: ElasticFit | None = None
 ) -> NlpFit:
@@ -102,12 +66,13 @@ def fit_nlp(
     Args:
         problem: recordings, grids, window and filter.
         options: rows, friction, bounds, solver; None for the defaults.
-        start: dynamics and springs to begin with, whose stops and knees stay where they are. None for those
-            of the elimination, or, where the problem does not refine its grids, for linear springs on them.
+        start: dynamics and springs to begin with, whose stops and knees move to better places near where the
+            problem refines its grids. None for those of the elimination, or, where it does not, for linear
+            springs on the grids.
     """
     options = options or NlpOptions()
     begin = start or _find_begin(problem)
-    setting = _prepare_setting(problem, options, begin)
+    setting = prepare_setting(problem, options, begin)
     layout = setting.lay_out(begin.elasticity)
     x = find_start(layout, begin.chi, begin.elasticity)
     sigmas = find_linear_sigmas(setting.recordings, begin.chi, setting.stiffness)
@@ -122,9 +87,10 @@ def fit_nlp(
         if number == options.rounds or not run.outcome.usable:
             break
         sigmas = find_sigmas(cost, run.x)
-        layout, x = _carry_over(setting, layout, run)
+        setting, layout, x = _carry_over(setting, replace(cost, sigmas=sigmas), run)
     run = replace(run, x=flatten_slopes(layout, run.x, run.certificate.undetermined))
     springs = _read_springs(layout, run.x, setting.stiffness)
+    slopes = find_place_slopes(setting, cost, run.x, list_places(setting, cost, run.x))
     fit = build_fit(
         problem,
         "nlp",
@@ -132,48 +98,10 @@ def fit_nlp(
         springs,
         history=tuple(history),
         outcome=run.outcome,
-        covariance=find_nlp_covariance(cost, run.x, _find_place_slopes(setting, cost, run.x)),
+        covariance=find_nlp_covariance(cost, run.x, slopes),
     )
     fit = replace(fit, notices=tuple(_list_notices(run)))
     return NlpFit(fit=fit, run=run, cost=cost, scales=scales, stiffness=setting.stiffness)
-
-
-def _find_place_slopes(setting: _Setting, cost: NlpCost, x: FloatArray) -> list[list[FloatArray]]:
-    """Return the derivatives of all residuals by the place of every stop and knee, one after the other."""
-    springs = cost.layout.springs
-    middle = replace(setting, knees=tuple(spring.knees for spring in springs))
-    before = cost.find_state(x).residuals
-    slopes = []
-    for shifted, step in _list_shifted(middle, x, springs):
-        layout = shifted.lay_out(())
-        moved = replace(cost, recordings=shifted.recordings, layout=layout).find_state(x).residuals
-        slopes.append([(after - now) / step for after, now in zip(moved, before, strict=True)])
-    return slopes
-
-
-def _list_shifted(
-    setting: _Setting, x: FloatArray, springs: Sequence[SpringLayout]
-) -> Iterator[tuple[_Setting, float]]:
-    """Yield the setting with each place a little further out, and by how much; knees only where alone."""
-    problem, options = setting.problem, setting.options
-    for joint, spring in enumerate(springs):
-        for stop, weight in enumerate(x[spring.weights][1:]):
-            if weight <= _REST * setting.stiffness[joint]:
-                continue
-            grids = [grid.copy() for grid in setting.thresholds]
-            step = _SHIFT * grids[joint][stop]
-            grids[joint][stop] += step
-            moved = tuple(map(freeze, grids))
-            recordings = tuple(
-                build_nlp_recording(problem, index, moved, options.rows)
-                for index in range(len(setting.recordings))
-            )
-            yield replace(setting, thresholds=moved, recordings=recordings), float(step)
-        for place in range(len(spring.knees) if setting.knees and not options.odd else 0):
-            knees = [list(entries) for entries in setting.knees or ()]
-            step = _SHIFT * abs(knees[joint][place])
-            knees[joint][place] += step
-            yield replace(setting, knees=tuple(map(tuple, knees))), step
 
 
 def _find_begin(problem: ElasticProblem) -> ElasticFit:
@@ -183,38 +111,21 @@ def _find_begin(problem: ElasticProblem) -> ElasticFit:
     return fit_linear_spring(problem)
 
 
-def _prepare_setting(problem: ElasticProblem, options: NlpOptions, begin: ElasticFit) -> _Setting:
-    springs = begin.elasticity
-    placed = any(spring.stops or spring.knees for spring in springs)
-    thresholds = problem.thresholds
-    knees = problem.options.knee_torques
-    if placed:
-        thresholds = tuple(freeze([stop.threshold for stop in spring.stops]) for spring in springs)
-        knees = tuple(tuple(knee.threshold for knee in spring.knees) for spring in springs)
-    recordings = tuple(
-        build_nlp_recording(problem, index, thresholds, options.rows) for index in range(len(problem.signals))
-    )
-    whole = np.array([spring.initial_stiffness or 0.0 for spring in springs])
-    return _Setting(
-        problem=problem,
-        options=options,
-        recordings=recordings,
-        thresholds=thresholds,
-        knees=knees,
-        stiffness=np.maximum(whole, 1e-6 * max(float(whole.max()), 1e-6)),
-    )
+def _carry_over(setting: NlpSetting, cost: NlpCost, run: NlpRun) -> tuple[NlpSetting, NlpLayout, FloatArray]:
+    """Return setting, layout and start of the next round.
 
-
-def _carry_over(setting: _Setting, layout: NlpLayout, run: NlpRun) -> tuple[NlpLayout, FloatArray]:
-    """Return layout and start of the next round: the knees of a grid follow the torque that was reached."""
+    Stops and knees are a step nearer to their best places; the knees of a grid follow the torque reached.
+    """
+    layout = cost.layout
     x = flatten_slopes(layout, run.x, run.certificate.undetermined)
     if setting.knees is not None:
-        return layout, x
+        setting, x = move_places(setting, cost, x)
+        return setting, setting.lay_out(()), x
     springs = _read_springs(layout, x, setting.stiffness)
     fresh = setting.lay_out(springs)
     start = find_start(fresh, x[layout.dynamics], springs)
     start[fresh.excess], start[fresh.speed] = x[layout.excess], x[layout.speed]
-    return fresh, start
+    return setting, fresh, start
 
 
 def _write_entry(cost: NlpCost, run: NlpRun, start: FloatArray) -> HistoryEntry:
@@ -249,23 +160,5 @@ def _list_notices(run: NlpRun) -> Iterator[Notice]:
 
 def _read_springs(layout: NlpLayout, x: FloatArray, stiffness: FloatArray) -> tuple[Elasticity, ...]:
     return tuple(
-        build_spring(spring, x, _REST * whole)
-        for spring, whole in zip(layout.springs, stiffness, strict=True)
+        build_spring(spring, x, REST * whole) for spring, whole in zip(layout.springs, stiffness, strict=True)
     )
-
-
-def _place_knees(setting: _Setting, springs: Sequence[Elasticity]) -> tuple[tuple[float, ...], ...]:
-    """Return knees at (j - 1/2) / l of the greatest torque before the knees, on each side."""
-    count = setting.problem.options.knees
-    places = (np.arange(count) + 0.5) / max(count, 1)
-    result = []
-    for joint, spring in enumerate(springs):
-        weights = list_weights(spring, setting.thresholds[joint])
-        torque = np.concatenate([part.bases[joint] @ weights for part in setting.recordings])
-        low, high = max(0.0, -float(torque.min())), max(0.0, float(torque.max()))
-        if setting.options.odd:
-            low = high = max(low, high)
-        below = -places[::-1] * low if low else np.zeros(0)
-        above = places * high if high else np.zeros(0)
-        result.append(tuple(float(knee) for knee in (*below, *above)))
-    return tuple(result)

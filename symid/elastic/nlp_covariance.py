@@ -4,13 +4,15 @@ NlpCost, optimum, slopes of the residuals by places of stops and knees -> covari
 
     H^-1 (sum_b g_b g_b') H^-1,  H = sum J'J / sigma^2,  g_b = sum over rows of block b of J'r / sigma^2
 
-b runs over stretches of time; rows of all kinds within one share the same noise (Liang and Zeger 1986). The
-places of stops and knees are no unknowns of the problem, but came from the same data: they count as unknown.
+b runs over stretches of time; rows of all kinds within one share the same noise (Liang and Zeger 1986).
+Places of stops and knees that the data chose count as unknown: the same cost places them (`nlp_places`).
 
 Supported: unknowns at bounds and unknowns without effect: they count as known.
+Not supported: doubt about the number of stops and knees.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +20,46 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray
 from symid.elastic.nlp_cost import NlpCost
 
-__all__ = ["find_nlp_covariance"]
+__all__ = ["NlpEquations", "find_equations", "find_nlp_covariance"]
 
 _STRETCHES = 100
 _NEAR = 1e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NlpEquations:
+    """Normal equations of unknowns x and of places behind them: s = len(x) + places.
+
+    Args:
+        curvature: (s, s) sum of J'J / sigma^2.
+        scores: (stretches, s) sums of J'r / sigma^2 over stretches of time.
+        free: which of them have an effect and stand at no bound.
+    """
+
+    curvature: FloatArray
+    scores: FloatArray
+    free: NDArray[np.intp]
+
+    def find_step(self) -> FloatArray:
+        """Return -H^-1 g (s,), zero where nothing is free."""
+        inverse, lengths = self._invert()
+        step = np.zeros(len(self.curvature))
+        step[self.free] = -(inverse @ (self.scores.sum(axis=0)[self.free] / lengths)) / lengths
+        return step
+
+    def find_covariance(self) -> FloatArray:
+        """Return H^-1 (sum_b g_b g_b') H^-1 (s, s), zero where nothing is free."""
+        inverse, lengths = self._invert()
+        spread = (self.scores[:, self.free] / lengths) @ inverse / lengths
+        covariance = np.zeros_like(self.curvature)
+        covariance[np.ix_(self.free, self.free)] = spread.T @ spread
+        return covariance
+
+    def _invert(self) -> tuple[FloatArray, FloatArray]:
+        """Return the inverse with scaled unknowns, and their scales."""
+        lengths = np.sqrt(np.diag(self.curvature))[self.free]
+        scaled = self.curvature[np.ix_(self.free, self.free)] / np.outer(lengths, lengths)
+        return np.linalg.pinv(scaled, rcond=1e-10, hermitian=True), lengths
 
 
 def find_nlp_covariance(
@@ -34,6 +72,12 @@ def find_nlp_covariance(
         x: its unknowns.
         places: for each stop or knee, the derivative of every block's residuals by its place (M_b,).
     """
+    dynamics = cost.layout.dynamics
+    return find_equations(cost, x, places).find_covariance()[dynamics, dynamics]
+
+
+def find_equations(cost: NlpCost, x: FloatArray, places: Sequence[Sequence[FloatArray]] = ()) -> NlpEquations:
+    """Return the normal equations at `x`; arguments as those of `find_nlp_covariance`."""
     state = cost.find_state(x)
     size = len(x) + len(places)
     curvature, scores = np.zeros((size, size)), []
@@ -52,15 +96,8 @@ def find_nlp_covariance(
             np.add.at(score, stretch, rows * (residual / sigma**2)[:, None])
             number += 1
         scores.append(score)
-    lengths = np.sqrt(np.diag(curvature))
-    free = np.flatnonzero(_find_free(cost, x, lengths))
-    scaled = curvature[np.ix_(free, free)] / np.outer(lengths[free], lengths[free])
-    inverse = np.linalg.pinv(scaled, rcond=1e-10, hermitian=True)
-    spread = (np.vstack(scores)[:, free] / lengths[free]) @ inverse / lengths[free]
-    covariance = np.zeros((size, size))
-    covariance[np.ix_(free, free)] = spread.T @ spread
-    dynamics = cost.layout.dynamics
-    return covariance[dynamics, dynamics]
+    free = _find_free(cost, x, np.sqrt(np.diag(curvature)))
+    return NlpEquations(curvature=curvature, scores=np.vstack(scores), free=np.flatnonzero(free))
 
 
 def _find_free(cost: NlpCost, x: FloatArray, lengths: FloatArray) -> NDArray[np.bool_]:

@@ -96,11 +96,13 @@ def build_layout(card: ModelCard, grids: Sequence[SpringGrid], options: NlpOptio
         grids: one a joint.
         options: bounds, Stribeck friction, odd springs.
     """
-    names = [entry.name for entry in (*card.beta, *card.rotors, *card.friction)]
+    joints = range(1, card.size + 1)
+    # A joint whose file states no rotor has one nevertheless, and it is found.
+    rotors = [f"IA{joint}" for joint in joints]
+    names = [*(entry.name for entry in card.beta), *rotors, *(entry.name for entry in card.friction)]
     lower = [find_lower_bounds(card)]
     upper = [np.full(len(names), np.inf)]
     dynamics = slice(0, len(names))
-    joints = range(1, card.size + 1)
     excess = speed = slice(len(names), len(names))
     if options.stribeck:
         excess = slice(len(names), len(names) + card.size)

@@ -13,8 +13,8 @@ Supported: energy, filtered and momentum rows, in any combination.
 Not supported: joint damping; friction on the link side.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from symid.elastic.problem import ElasticProblem
 from symid.elastic.signals import ElasticSignals
 from symid.joint.plays import find_stop_basis, find_work_columns
 
-__all__ = ["NLP_ROWS", "NlpRecording", "RowBlock", "SpringColumns", "build_nlp_recording"]
+__all__ = ["NLP_ROWS", "NlpRecording", "RowBlock", "SpringColumns", "build_nlp_recording", "move_stops"]
 
 NLP_ROWS = ("energy", "filtered", "momentum")
 _ROW_RATE = 125.0
@@ -127,6 +127,53 @@ def build_nlp_recording(
         bases=bases,
         middles=tuple((basis[1:] + basis[:-1]) / 2.0 for basis in bases),
         speed=signals.dtheta,
+    )
+
+
+def move_stops(
+    recording: NlpRecording, problem: ElasticProblem, index: int, moves: Sequence[Mapping[int, float]]
+) -> NlpRecording:
+    """Return energy and momentum rows with some stops elsewhere; all else is what it was.
+
+    Args:
+        recording: as it is.
+        problem: all recordings.
+        index: of the recording.
+        moves: for each joint, new thresholds of some stops by their index, rad or m.
+    """
+    phi, ends = problem.signals[index].phi, problem.energy[index].ends
+    bases = list(recording.bases)
+    works: dict[int, FloatArray] = {}
+    for joint, places in enumerate(moves):
+        if places:
+            grid = np.array(list(places.values()))
+            stops = [1 + place for place in places]
+            basis = bases[joint].copy()
+            basis[:, stops] = find_stop_basis(phi[:, joint], grid)[:, 1:]
+            bases[joint] = basis
+            works[joint] = np.diff(find_work_columns(phi[:, joint], grid)[ends], axis=0)[:, 1:]
+
+    def move(block: RowBlock, spring: SpringColumns) -> SpringColumns:
+        if spring.joint not in works:
+            return spring
+        stops = [1 + place for place in moves[spring.joint]]
+        columns = spring.columns.copy()
+        values = bases[spring.joint][:, stops]
+        means = spring.sums.add((values[1:] + values[:-1]) / 2.0)
+        columns[:, stops] = works[spring.joint] if block.name == "energy" else means
+        return replace(spring, columns=columns)
+
+    return replace(
+        recording,
+        blocks=tuple(
+            replace(block, springs=tuple(move(block, spring) for spring in block.springs))
+            for block in recording.blocks
+        ),
+        bases=tuple(bases),
+        middles=tuple(
+            (basis[1:] + basis[:-1]) / 2.0 if joint in works else recording.middles[joint]
+            for joint, basis in enumerate(bases)
+        ),
     )
 
 

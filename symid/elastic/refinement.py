@@ -37,6 +37,8 @@ _EXACT = 1e-3
 """Of the torque; a residual below it is no reason for another stop or knee."""
 _EDGE = 0.95
 """Of the torques seen; a knee further out shapes a few samples only."""
+_CLOSE = 0.1
+"""Of the torques seen; a pair of knees within may be no more than the scale of the weights."""
 _DENSE = 12
 _RATIO = 0.7
 """Of a threshold of the dense grid to the next one."""
@@ -102,7 +104,12 @@ def _thin_data(data: SpringData, target: FloatArray, rate: float) -> tuple[Sprin
 
 
 def _start_dense(data: SpringData, target: FloatArray, start: SpringWeights) -> SpringWeights:
-    """Return a spring with stops on a geometric grid: small slips are as many as large ones."""
+    """Return a spring with stops on a geometric grid: small slips are as many as large ones.
+
+    A start without stops was asked for, and has none here either.
+    """
+    if not len(start.thresholds):
+        return start
     reach = max(float(np.abs(phi).max()) for phi in data.torsions)
     grid = reach * _RATIO ** np.arange(_DENSE, 0, -1.0)
     spread = replace(
@@ -178,6 +185,32 @@ def _list_simpler(data: SpringData, weights: SpringWeights) -> Iterator[SpringWe
             options.append(
                 (float(loss), replace(weights, **{side: torques[keep], f"{side}_slopes": slopes[keep]}))
             )
+    options += _list_rescaled(data, weights)
     options.sort(key=lambda option: option[0])
     for _, simpler in options[:3]:
         yield simpler
+
+
+def _list_rescaled(data: SpringData, weights: SpringWeights) -> list[tuple[float, SpringWeights]]:
+    """Return the spring without its innermost knees, one on each side, where both lie near zero torque.
+
+    The slope beyond them is then the one at zero, and scales all weights; left out one by one, the other knee
+    would stand in the way.
+    """
+    if not (len(weights.below) and len(weights.above)):
+        return []
+    inner = [basis @ weights.stiffness for basis in data.find_basis(weights)]
+    lowest, highest = max(-float(v.min()) for v in inner), max(float(v.max()) for v in inner)
+    if -weights.below[0] > _CLOSE * lowest or weights.above[0] > _CLOSE * highest:
+        return []
+    slope = float(weights.below_slopes[0] + weights.above_slopes[0]) / 2.0
+    scaled = replace(
+        weights,
+        stiffness=weights.stiffness * slope,
+        below=weights.below[1:] * slope,
+        above=weights.above[1:] * slope,
+        below_slopes=weights.below_slopes[1:] / slope,
+        above_slopes=weights.above_slopes[1:] / slope,
+    )
+    loss = abs(slope - 1.0) * max(-weights.below[0], weights.above[0]) * 0.1
+    return [(float(loss), scaled)]

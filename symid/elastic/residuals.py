@@ -2,41 +2,87 @@
 
 ElasticWork, ElasticFit -> `Residual` and `SpringEstimate` records.
 
+A spring is refused where nothing of the joint torque that the motor equation shows is its doing: where it
+leaves `_NOTHING` or more of that torque's scatter, or has no stiffness at all.
+
 Supported: filtered torques joint by joint, energies window by window.
 Not supported: fits without springs, which leave the joint torque out.
 """
+
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from symid.arrays import FloatArray
 from symid.elastic.estimate import SpringEstimate
-from symid.elastic.filtered import filter_smooth
 from symid.elastic.fit import ElasticFit
-from symid.elastic.methods import ElasticWork
+from symid.elastic.methods import ElasticWork, find_spring_torque
 from symid.elastic.windows import find_window_work
+from symid.errors import IdentifiabilityError, Notice
 from symid.identification.estimate import Residual
 from symid.joint.plays import find_hysteresis_torque
 from symid.robot.elasticity import Elasticity
 
-__all__ = ["find_energy_residual", "find_torque_residuals", "list_springs"]
+__all__ = ["find_energy_residual", "find_torque_residuals", "judge_springs", "list_springs"]
+
+_NOTHING = 0.9
+"""Of the joint torque's scatter; a spring that leaves as much explains less than a fifth of its square."""
 
 
 def find_torque_residuals(work: ElasticWork, fit: ElasticFit) -> tuple[Residual, ...]:
     """Return, joint by joint, F[tau] less what motor and spring explain, N m or N."""
     problem = work.problem
+    target, spring = _find_sides(work, fit)
+    errors = target - spring
+    return tuple(
+        _write_residual(card.name, errors[:, joint], problem.torque[:, joint], card.torque_unit)
+        for joint, card in enumerate(problem.library.card.joints)
+    )
+
+
+def judge_springs(
+    work: ElasticWork, fit: ElasticFit, hidden: Mapping[int, Notice], doubts: Sequence[Notice] = ()
+) -> Mapping[int, Notice]:
+    """Return, by joint, why its spring is refused; joints whose spring is told are left out.
+
+    Args:
+        work: the equations.
+        fit: what was made of them.
+        hidden: joints whose torsion cannot be seen, with what is said of them.
+        doubts: what else may be the cause, to be said where all are refused.
+
+    Raises:
+        IdentifiabilityError: no joint has a spring that can be told.
+    """
+    target, spring = _find_sides(work, fit)
+    left, whole = np.std(target - spring, axis=0), np.std(target, axis=0)
+    refused = dict(hidden)
+    for joint, card in enumerate(work.problem.library.card.joints):
+        stiff = fit.elasticity[joint].initial_stiffness
+        if joint not in refused and not (stiff and left[joint] < _NOTHING * whole[joint]):
+            refused[joint] = _say_nothing(card.name, float(left[joint] / max(whole[joint], 1e-300)))
+    if len(refused) == work.problem.sizes[1]:
+        raise IdentifiabilityError(*(refused[joint] for joint in sorted(refused)), *doubts)
+    return {joint: refused[joint] for joint in sorted(refused)}
+
+
+def _say_nothing(joint: str, share: float) -> Notice:
+    text = (
+        f"joint {joint!r}: no spring explains its torque: of the scatter of the joint torque that the motor "
+        f"equation shows, the one found leaves {100 * share:.0f} %, and less than {100 * _NOTHING:g} % was "
+        "wanted; check the sign and the factor of the torque, and whether the positions of motor and link "
+        "are swapped; where these are right, load the joint more, or try another method"
+    )
+    return Notice(code="elastic.no-spring", text=text)
+
+
+def _find_sides(work: ElasticWork, fit: ElasticFit) -> tuple[FloatArray, FloatArray]:
+    """Return F[tau_J] (M, n) by the motor equation, and by the springs."""
+    problem = work.problem
     drive = fit.chi[problem.sizes[0] :]
-    entries = []
-    for joint, card in enumerate(problem.library.card.joints):
-        errors, whole = [], []
-        for signals, rows in zip(problem.signals, problem.filtered, strict=True):
-            torque = find_hysteresis_torque(fit.elasticity[joint], signals.phi[:, joint])
-            spring = filter_smooth(torque, problem.options.rate, signals.period)[rows.keep]
-            errors.append(rows.find_motor_side(drive)[:, joint] - spring)
-            whole.append(rows.torque[:, joint])
-        entries.append(
-            _write_residual(card.name, np.concatenate(errors), np.concatenate(whole), card.torque_unit)
-        )
-    return tuple(entries)
+    spring = [find_spring_torque(problem, fit, number) for number in range(len(problem.signals))]
+    target: FloatArray = problem.torque - problem.motor @ drive
+    return target, np.concatenate(spring)
 
 
 def find_energy_residual(work: ElasticWork, fit: ElasticFit) -> Residual:
@@ -50,8 +96,10 @@ def find_energy_residual(work: ElasticWork, fit: ElasticFit) -> Residual:
     return _write_residual("all joints", errors, problem.supplied, "J")
 
 
-def list_springs(work: ElasticWork, fit: ElasticFit) -> tuple[SpringEstimate, ...]:
-    """Return the spring of every joint with the range in which it was seen."""
+def list_springs(
+    work: ElasticWork, fit: ElasticFit, refused: Mapping[int, Notice]
+) -> tuple[SpringEstimate, ...]:
+    """Return the spring of every joint, and how far it was seen; `refused` comes from `judge_springs`."""
     card, signals = work.problem.library.card, work.problem.signals
     springs = []
     for joint, (entry, elasticity) in enumerate(zip(card.joints, fit.elasticity, strict=True)):
@@ -71,6 +119,8 @@ def list_springs(work: ElasticWork, fit: ElasticFit) -> tuple[SpringEstimate, ..
                 excited=max(slipped, default=0.0),
                 torque=max(float(np.abs(part).max()) for part in torque),
                 truth=stated if stated is not None and _is_complete(stated) else None,
+                told=joint not in refused,
+                reason=refused[joint].text if joint in refused else "",
             )
         )
     return tuple(springs)

@@ -59,7 +59,9 @@ def _has_casadi() -> bool:
 def choose_fit(work: ElasticWork, fits: Sequence[ElasticFit]) -> Selection:
     """Return the choice among `fits`, at least one of which is usable."""
     usable = [fit for fit in fits if fit.outcome.usable and np.all(np.isfinite(fit.chi))]
-    agreeing = [fit for fit in usable if fit.method != "nlp" or _find_distance(work, fit) <= _limit(fit)]
+    agreeing = [
+        fit for fit in usable if fit.method != "nlp" or _find_distance(work, fit) <= _find_limit(work)
+    ]
     kept = agreeing or usable
     candidates = [find_candidate(work, fit) for fit in kept]
     best, scores = choose_candidate(candidates, work.rows, work.band.scatter)
@@ -67,8 +69,8 @@ def choose_fit(work: ElasticWork, fits: Sequence[ElasticFit]) -> Selection:
     close = sum(score.is_close(min(entry.error for entry in scores)) for score in scores)
     among = f"is the surest of the {close} that foretell" if close > 1 else "foretells"
     reason = (
-        f"of {len(scores)} methods {best} {among} torques they were not fitted to best: mean squared error "
-        f"{taken.error:.4g} in units of the noise"
+        f"of {len(scores)} methods {best} {among} best the torques that dynamics were not fitted to, springs "
+        f"held as found: mean squared error {taken.error:.4g} in units of the noise"
     )
     notices = tuple(_say_contradiction(work, fit) for fit in usable if fit not in kept)
     return Selection(
@@ -78,23 +80,25 @@ def choose_fit(work: ElasticWork, fits: Sequence[ElasticFit]) -> Selection:
 
 def _find_distance(work: ElasticWork, fit: ElasticFit) -> float:
     """Return (chi - chi_w)' C_w^-1 (chi - chi_w)."""
-    difference = fit.chi - work.band.chi
-    lengths = np.sqrt(np.maximum(np.diag(work.band.covariance), 1e-300))
-    inverse = np.linalg.pinv(work.band.covariance / np.outer(lengths, lengths), rcond=1e-12, hermitian=True)
-    scaled = difference / lengths
+    told = np.flatnonzero(np.isfinite(np.diag(work.band.covariance)))
+    covariance = work.band.covariance[np.ix_(told, told)]
+    lengths = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    inverse = np.linalg.pinv(covariance / np.outer(lengths, lengths), rcond=1e-12, hermitian=True)
+    scaled = (fit.chi - work.band.chi)[told] / lengths
     return float(scaled @ inverse @ scaled)
 
 
-def _limit(fit: ElasticFit) -> float:
+def _find_limit(work: ElasticWork) -> float:
     from scipy.special import chdtri
 
-    return float(chdtri(len(fit.chi), 1.0 - _LEVEL))
+    count = np.count_nonzero(np.isfinite(np.diag(work.band.covariance)))
+    return float(chdtri(count, 1.0 - _LEVEL))
 
 
 def _say_contradiction(work: ElasticWork, fit: ElasticFit) -> Notice:
     text = (
         f"the method {fit.method} contradicts what the motions show without springs (chi^2 "
-        f"{_find_distance(work, fit):.3g}, limit {_limit(fit):.3g}) and was left out of the choice: its "
-        "springs do not describe these joints well enough"
+        f"{_find_distance(work, fit):.3g}, limit {_find_limit(work):.3g}) and was left out of the choice: "
+        "its springs do not describe these joints well enough"
     )
     return Notice(code="elastic.contradiction", text=text)

@@ -6,11 +6,14 @@ Where velocities from raw differences are exact enough, nothing is filtered and 
 [t_k, t_k+1]. Otherwise all signals pass the same zero-phase low-pass, and tau[k] is the mean of the two
 torques that meet at t_k: a torque that is held acts half a period later than its sample says.
 
-Supported: motor and link encoders; a torque held between samples.
+A joint that rests in a recording is put at its mean position: what differentiation makes of encoder noise at
+standstill is no motion, and its sign no direction of dry friction.
+
+Supported: motor and link encoders; a torque held between samples; joints at rest.
 Not supported: one encoder only; delays between the channels (align the recording first).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,6 +23,7 @@ from symid.data.recording import Recording
 from symid.data.signals import describe_uneven
 from symid.elastic.options import ElasticOptions, check_grids
 from symid.errors import LogError, Notice
+from symid.identification.identifiability import find_resting_joints
 
 __all__ = ["ElasticSignals", "find_cutoff", "find_positions", "find_settled", "prepare_elastic_signals"]
 
@@ -77,7 +81,7 @@ def prepare_elastic_signals(recording: Recording, options: ElasticOptions) -> El
         LogError: the recording lacks one of the encoders, is too short or unevenly sampled.
         UsageError: thresholds or knees are given for another number of joints.
     """
-    motor, link = find_positions(recording)
+    motor, link = _settle_resting(recording)
     check_grids(options, recording.torque.shape[1])
     uneven = describe_uneven(recording.time, file=recording.source)
     if uneven is not None:
@@ -135,6 +139,18 @@ def find_settled(phi: FloatArray, threshold: float) -> int:
     span = np.maximum.accumulate(phi) - np.minimum.accumulate(phi)
     goal = min(2.0 * threshold, 0.95 * float(span[-1]))
     return int(np.argmax(span >= goal))
+
+
+def _settle_resting(recording: Recording) -> tuple[FloatArray, FloatArray]:
+    """Return motor and link positions, those of joints at rest on both sides at their means."""
+    motor, link = find_positions(recording)
+    sides = [replace(recording, position=side, motor_position=None) for side in (motor, link)]
+    resting = sorted(set.intersection(*(set(find_resting_joints(side)) for side in sides)))
+    if resting:
+        motor, link = motor.copy(), link.copy()
+        for side in (motor, link):
+            side[:, resting] = side[:, resting].mean(axis=0)
+    return motor, link
 
 
 def _find_start(phi: FloatArray, period: float, options: ElasticOptions) -> int:

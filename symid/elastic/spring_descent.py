@@ -6,21 +6,37 @@ SpringData, target, SpringWeights -> SpringWeights and cost.
     d tau_J / d R_j = (c_j-1 - c_j) where v is beyond R_j
 
 Stiffnesses stay positive, slopes rise, and no position moves past its neighbour or beyond what was seen.
+Knees keep away from zero torque, where they would undo the scale of the weights (`hold_knees`).
 
 Supported: what `spring_fit` supports.
 Not supported: another number of stops or knees than that of the start.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from symid.arrays import FloatArray
 from symid.elastic.spring_fit import SpringData, filter_parts, thin
-from symid.elastic.spring_weights import LEAST_SLOPE, SpringWeights, find_local_slopes, find_ramps
+from symid.elastic.spring_weights import (
+    LEAST_KNEE,
+    LEAST_SLOPE,
+    SpringWeights,
+    find_local_slopes,
+    find_ramps,
+    hold_knees,
+)
 from symid.joint.plays import find_stop_basis
 
-__all__ = ["SpringPoint", "find_point", "find_reach", "optimise_spring"]
+__all__ = [
+    "SpringPoint",
+    "find_point",
+    "find_reach",
+    "find_slips",
+    "find_spring_slopes",
+    "optimise_spring",
+]
 
 _STEPS = 20
 _TRIES = 5
@@ -41,8 +57,12 @@ class SpringPoint:
 
 
 def find_point(data: SpringData, target: FloatArray, weights: SpringWeights) -> SpringPoint:
-    """Return a spring with its stop basis and its cost |target - F[tau_J]|^2."""
+    """Return a spring, its knees held away from zero, with its stop basis and cost |target - F[tau_J]|^2."""
     bases = tuple(find_stop_basis(phi, weights.thresholds) for phi in data.torsions)
+    if weights.knees:
+        _, lowest, highest = _find_edges(bases, weights)
+        below, above = hold_knees(weights.below, lowest), hold_knees(weights.above, highest)
+        weights = replace(weights, below=below, above=above)
     torques = []
     for basis, keep in zip(bases, data.keeps, strict=True):
         inner = thin(basis, keep) @ weights.stiffness
@@ -106,8 +126,12 @@ def _solve_damped(scaled: FloatArray, low: FloatArray, high: FloatArray, damping
 
 def find_reach(point: SpringPoint) -> tuple[float, float, float]:
     """Return the largest torsion, and the largest -v and v: beyond them a position has no effect."""
-    inner = [basis @ point.weights.stiffness for basis in point.bases]
-    torsion = max(float(np.abs(basis[:, 0]).max()) for basis in point.bases)
+    return _find_edges(point.bases, point.weights)
+
+
+def _find_edges(bases: Sequence[FloatArray], weights: SpringWeights) -> tuple[float, float, float]:
+    inner = [basis @ weights.stiffness for basis in bases]
+    torsion = max(float(np.abs(basis[:, 0]).max()) for basis in bases)
     return torsion, max(-float(v.min()) for v in inner), max(float(v.max()) for v in inner)
 
 
@@ -119,9 +143,13 @@ def _find_limits(
         [-weights.stiffness, LEAST_SLOPE - weights.slopes],
         [np.full(len(weights.stiffness) + weights.knees, np.inf)],
     )
-    sides = ((weights.thresholds, torsion, 1), (-weights.below, lowest, -1), (weights.above, highest, 1))
-    for places, edge, sign in sides:
-        gaps = np.diff(np.concatenate([[0.0], places, [max([edge, *places[-1:]])]]))
+    sides = (
+        (weights.thresholds, 0.0, torsion, 1),
+        (-weights.below, LEAST_KNEE * lowest, lowest, -1),
+        (weights.above, LEAST_KNEE * highest, highest, 1),
+    )
+    for places, least, edge, sign in sides:
+        gaps = np.diff(np.concatenate([[min([least, *places[:1]])], places, [max([edge, *places[-1:]])]]))
         lower, higher = -_STEP * gaps[:-1], _STEP * gaps[1:]
         down.append(lower if sign > 0 else -higher)
         up.append(higher if sign > 0 else -lower)
@@ -146,19 +174,29 @@ def _linearise(data: SpringData, point: SpringPoint) -> tuple[FloatArray, FloatA
     """Return the derivative of F[tau_J] by all parameters, and F[tau_J] (M,)."""
     weights, parts = point.weights, []
     for whole, keep in zip(point.bases, data.keeps, strict=True):
-        slips = thin(_find_slips(whole, weights.thresholds), keep)
-        basis = thin(whole, keep)
-        inner = basis @ weights.stiffness
-        local = find_local_slopes(inner, weights)[:, None]
-        ramps = find_ramps(inner, weights)
-        torque = inner + ramps @ (weights.slopes - 1.0)
-        columns = [basis * local, ramps, slips * weights.stiffness[1:] * local]
-        parts.append(np.column_stack([*columns, _find_knee_columns(inner, weights), torque]))
+        slips = thin(find_slips(whole, weights.thresholds), keep)
+        parts.append(find_spring_slopes(thin(whole, keep), slips, weights))
     filtered = filter_parts(data, parts)
     return filtered[:, :-1], filtered[:, -1]
 
 
-def _find_slips(basis: FloatArray, thresholds: FloatArray) -> FloatArray:
+def find_spring_slopes(basis: FloatArray, slips: FloatArray, weights: SpringWeights) -> FloatArray:
+    """Return the derivatives of tau_J by stiffnesses, slopes, thresholds and knees, and tau_J: (N, k + 1).
+
+    Args:
+        basis: (N, m + 1) torsion and stops.
+        slips: (N, m) of `find_slips`.
+        weights: of the spring.
+    """
+    inner = basis @ weights.stiffness
+    local = find_local_slopes(inner, weights)[:, None]
+    ramps = find_ramps(inner, weights)
+    torque = inner + ramps @ (weights.slopes - 1.0)
+    columns = [basis * local, ramps, slips * weights.stiffness[1:] * local]
+    return np.column_stack([*columns, _find_knee_columns(inner, weights), torque])
+
+
+def find_slips(basis: FloatArray, thresholds: FloatArray) -> FloatArray:
     """Return d E_i / d r_i (N, m): the side on which each stop slipped last, 0 before it ever did."""
     stops = basis[:, 1:]
     slack = 1e-9 * thresholds

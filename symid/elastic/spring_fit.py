@@ -20,7 +20,13 @@ import numpy as np
 
 from symid.arrays import FloatArray
 from symid.elastic.filtered import filter_smooth
-from symid.elastic.spring_weights import LEAST_SLOPE, SpringWeights, find_local_slopes, find_ramps
+from symid.elastic.spring_weights import (
+    LEAST_SLOPE,
+    SpringWeights,
+    find_local_slopes,
+    find_ramps,
+    hold_knees,
+)
 from symid.joint.plays import find_stop_basis
 
 __all__ = [
@@ -138,12 +144,16 @@ def fit_stops(data: SpringData, target: FloatArray) -> SpringWeights:
 
 
 def find_knee_grid(data: SpringData, stiffness: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
-    """Return knee torques below and above zero, from zero outwards: (j - 1/2) / count max(-v or v)."""
+    """Return knee torques below and above zero, from zero outwards: (j - 1/2) / count max(-v or v).
+
+    None lies nearer to zero than `hold_knees` allows.
+    """
     inner = [part @ stiffness for part in data.basis]
     steps = (np.arange(count) + 0.5) / max(count, 1)
     low = max(0.0, -min(float(v.min()) for v in inner))
     high = max(0.0, *(float(v.max()) for v in inner))
-    return (-steps * low if low else np.zeros(0)), (steps * high if high else np.zeros(0))
+    below, above = (-steps * low if low else np.zeros(0)), (steps * high if high else np.zeros(0))
+    return hold_knees(below, low), hold_knees(above, high)
 
 
 def fit_spring(

@@ -1,6 +1,6 @@
 """The numbers of one spring while it is fitted, and the spring they stand for.
 
-SpringWeights -> Elasticity.
+SpringWeights -> Elasticity, and back.
 
     tau_J = v + sum_j (c_j - 1) ramp_j(v),  v = sum_i k_i E_i[phi]
 
@@ -15,7 +15,22 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.robot.elasticity import Elasticity, Knee, Stop
 
-__all__ = ["LEAST_SLOPE", "SpringWeights", "build_elasticity", "find_local_slopes", "find_ramps"]
+__all__ = [
+    "LEAST_KNEE",
+    "LEAST_SLOPE",
+    "SpringWeights",
+    "build_elasticity",
+    "find_local_slopes",
+    "find_ramps",
+    "hold_knees",
+    "read_weights",
+]
+
+LEAST_KNEE = 0.03
+"""Of the largest torque on its side: a knee nearer to zero would undo the slope of one there, which fixes the
+scale of the weights: stops and slopes could then be scaled against each other at will."""
+_LEAST_GAP = 0.1
+"""Of that place, between knees that are held there."""
 
 LEAST_SLOPE = 0.05
 """Of the outer function, so that it can be inverted."""
@@ -83,6 +98,39 @@ def find_local_slopes(inner: FloatArray, weights: SpringWeights) -> FloatArray:
     slopes = np.concatenate([weights.below_slopes[::-1], [1.0], weights.above_slopes])
     local: FloatArray = slopes[np.searchsorted(edges, inner)]
     return local
+
+
+def hold_knees(torques: FloatArray, largest: float) -> FloatArray:
+    """Return knee torques of one side, from zero outwards (l,), none nearer to zero than is allowed.
+
+    Args:
+        torques: of one sign.
+        largest: the largest |v| on that side.
+    """
+    least = LEAST_KNEE * largest * (1.0 + _LEAST_GAP * np.arange(len(torques)))
+    held: FloatArray = np.sign(torques) * np.maximum(np.abs(torques), least)
+    return held
+
+
+def read_weights(spring: Elasticity) -> SpringWeights:
+    """Return the numbers of a spring that has all its values, but for a cubic part and damping."""
+    sides = []
+    for side in (-1.0, 1.0):
+        knees = sorted((knee for knee in spring.knees if knee.threshold * side > 0.0), key=_find_size)
+        slopes = 1.0 + np.cumsum([knee.slope for knee in knees])
+        sides.append((np.array([knee.threshold for knee in knees]), slopes))
+    return SpringWeights(
+        thresholds=np.array([stop.threshold for stop in spring.stops]),
+        stiffness=np.array([spring.stiffness or 0.0, *(stop.stiffness or 0.0 for stop in spring.stops)]),
+        below=sides[0][0],
+        above=sides[1][0],
+        below_slopes=sides[0][1],
+        above_slopes=sides[1][1],
+    )
+
+
+def _find_size(knee: Knee) -> float:
+    return abs(knee.threshold)
 
 
 def build_elasticity(weights: SpringWeights) -> Elasticity:

@@ -25,10 +25,10 @@ import numpy as np
 from symid.arrays import FloatArray, freeze
 from symid.codegen.functions import JointCard
 from symid.codegen.library import Library
-from symid.data.alignment import Alignment, align
+from symid.data.alignment import Alignment, align, keep_significant
 from symid.data.recording import Recording
 from symid.elastic.stiffness_fit import FLAT, SpringFits, fit_springs
-from symid.elastic.torsion import build_rigid_rows, find_torsion_alignment
+from symid.elastic.torsion import build_rigid_rows, find_torsion_alignment, say_unknown
 from symid.errors import Notice
 
 __all__ = ["JointStiffness", "StiffnessEstimate", "Verdict", "find_stiffness"]
@@ -43,7 +43,7 @@ class Verdict(Enum):
 
     IDENTIFIED = "identified"
     NO_ENCODER = "there is no link encoder"
-    NO_GRAVITY = "gravity does not load this joint"
+    NO_GRAVITY = "gravity does not load this joint, or always alike"
     BELOW_NOISE = "the torsion that gravity explains is smaller than what it leaves"
     INCONSISTENT = "the runs contradict each other"
     VAGUE = "the interval holds a rigid joint"
@@ -103,7 +103,11 @@ def find_stiffness(library: Library, recordings: Sequence[Recording]) -> Stiffne
         LogError: a recording has one encoder only, is uneven or too short, or no joint has both encoders.
     """
     alignment = find_torsion_alignment(library, recordings)
-    aligned = [align(recording, alignment, run=run) for run, recording in enumerate(recordings)]
+    kept = keep_significant(alignment)
+    aligned = list(recordings)
+    if kept is not None:
+        aligned = [align(recording, kept, run=run) for run, recording in enumerate(recordings)]
+    told = () if kept is None else tuple(recording.notices[-1] for recording in aligned)
     fits = fit_springs([build_rigid_rows(library, recording) for recording in aligned])
     return StiffnessEstimate(
         robot=library.card.robot,
@@ -113,7 +117,7 @@ def find_stiffness(library: Library, recordings: Sequence[Recording]) -> Stiffne
             for index, card in enumerate(library.card.joints)
         ),
         blocks=len(fits.compliances) - 1,
-        notices=tuple(recording.notices[-1] for recording in aligned),
+        notices=(*told, *say_unknown(alignment, [card.name for card in library.card.joints])),
     )
 
 
@@ -139,8 +143,13 @@ def _judge(fits: SpringFits, index: int, card: JointCard) -> JointStiffness:
     explained, left = float(fits.explained[index]), float(fits.left[index])
     if fits.loading[index] <= FLAT:
         nothing = np.full(fits.compliances.shape[1], np.nan)
+        load = (
+            "the torque of gravity on this joint does not change"
+            if fits.steady[index] > FLAT
+            else "gravity does not load this joint"
+        )
         reason = (
-            "gravity does not load this joint, and torques of acceleration are shared by rotor and link in "
+            f"{load}, and torques of acceleration are shared by rotor and link in "
             f"unknown parts; {left:.3g} {card.position_unit} of its torsion are left (root mean square)"
         )
         return JointStiffness(

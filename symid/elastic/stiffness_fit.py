@@ -33,17 +33,18 @@ class SpringFits:
     Args:
         compliances: (1 + blocks, runs, n) rad/(N m) or m/N; first with all blocks, then without each.
         explained, left: (n,) root mean square of the torsion that gravity explains and leaves, rad or m.
-        loading: (n,) deviation of the gravity torque as a part of the whole torque.
+        loading, steady: (n,) deviation and size of mean of the gravity torque as parts of the whole torque.
     """
 
     compliances: FloatArray
     explained: FloatArray
     left: FloatArray
     loading: FloatArray
+    steady: FloatArray
 
     def __post_init__(self) -> None:
         """Copy the arrays and make them read-only."""
-        for name in ("compliances", "explained", "left", "loading"):
+        for name in ("compliances", "explained", "left", "loading", "steady"):
             object.__setattr__(self, name, freeze(getattr(self, name)))
 
 
@@ -66,11 +67,13 @@ def fit_springs(runs: Sequence[RigidRows]) -> SpringFits:
     samples = sum(part.stop - part.start for rows in runs for part in rows.blocks)
     still = np.concatenate([rows.still @ whole[:count] for rows in runs])
     torque = np.concatenate([rows.torque for rows in runs])
+    size = np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-300)
     return SpringFits(
         compliances=np.array(replicates),
         explained=np.sqrt(first[1].sum(axis=0) / samples),
         left=np.sqrt(first[2].sum(axis=0) / samples),
-        loading=np.std(still, axis=0) / np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-300),
+        loading=np.std(still, axis=0) / size,
+        steady=np.abs(np.mean(still, axis=0)) / size,
     )
 
 

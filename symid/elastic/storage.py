@@ -175,6 +175,13 @@ def _read_text(value: object) -> str:
     return value
 
 
+def _read_flag(value: object) -> bool:
+    if not isinstance(value, bool):
+        message = f"expected true or false, got {value!r}"
+        raise TypeError(message)
+    return value
+
+
 def _read_finite(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         message = f"expected a number, got {value!r}"
@@ -218,6 +225,9 @@ def _read_spring(entry: Mapping[str, Any]) -> SpringEstimate:
         torque=_read_finite(entry["torque"]),
         elasticity=_read_elasticity(entry["elasticity"]),
         truth=None if truth is None else _read_elasticity(truth),
+        # Estimates of before springs could be refused do not say.
+        told=_read_flag(entry.get("told", True)),
+        reason=_read_text(entry.get("reason", "")),
     )
 
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from symid.arrays import FloatArray
 from symid.codegen.library import Library
-from symid.data.alignment import Alignment, align, find_alignment, keep_significant
+from symid.data.alignment import Alignment, align, find_alignment, keep_significant, move_link
 from symid.data.encoders import Encoders, find_encoders, split_blocks
 from symid.data.filters import differentiate, low_pass
 from symid.data.recording import Recording
@@ -35,6 +35,7 @@ __all__ = [
     "fit_rigid",
     "list_torsion_columns",
     "prepare_aligned",
+    "say_unknown",
 ]
 
 _CUTOFF = 10.0
@@ -47,6 +48,11 @@ _REVERSAL = 0.02
 """Of the largest speed: the width of a change of direction."""
 _ROUNDS = 3
 _RANK = 1e-7
+_ROUNDING = 1e-9
+"""Of a joint's largest torque."""
+_PASSES = 8
+_STEADY = 1e-5
+"""Rad, m or s: gravity at a zero and a time that are wrong by less is right."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -170,11 +176,24 @@ def find_rigid_grams(rows: RigidRows) -> FloatArray:
 def find_torsion_alignment(library: Library, recordings: Sequence[Recording]) -> Alignment:
     """Return delay and offsets of the link encoders, the torsion following the robot's own torques.
 
+    Torques depend on where the links are, so that they are found again with the encoders moved, until delay
+    and offsets rest.
+
     Raises:
         LogError: see `find_alignment`.
     """
-    columns = list_torsion_columns([build_rigid_rows(library, recording) for recording in recordings])
-    return find_alignment(recordings, columns)
+    moved = tuple(recordings)
+    used, delay = np.zeros((len(recordings), library.card.size)), 0.0
+    for _ in range(_PASSES):
+        columns = list_torsion_columns([build_rigid_rows(library, recording) for recording in moved])
+        found = find_alignment(recordings, columns)
+        offsets = np.nan_to_num(found.offsets, nan=0.0)
+        change = max(float(np.max(np.abs(offsets - used))), abs(found.delay - delay))
+        if change < _STEADY:
+            break
+        used, delay = offsets, found.delay
+        moved = tuple(move_link(recording, found, run=run) for run, recording in enumerate(recordings))
+    return found
 
 
 def prepare_aligned(
@@ -182,11 +201,12 @@ def prepare_aligned(
 ) -> tuple[tuple[Recording, ...], Alignment | None, tuple[Notice, ...]]:
     """Return the recordings with delay and offsets of their link encoders taken out, if there are any.
 
-    What may as well be zero is left alone, and a notice says so; recordings that are too short to tell are
-    returned as they are.
+    What may as well be zero is left alone, and so is a zero that cannot be told; notices say so. Recordings
+    that are too short to tell are returned as they are.
 
     Raises:
-        LogError: a recording has one encoder only, or no joint has both encoders.
+        LogError: a recording has one encoder only, no joint has both encoders, or the delay is beyond what is
+            searched.
     """
     try:
         found = find_torsion_alignment(library, recordings)
@@ -195,16 +215,38 @@ def prepare_aligned(
             raise
         told = tuple(replace(notice, text=f"{notice.text}; it was taken as none") for notice in error.notices)
         return tuple(recordings), None, told
+    unknown = say_unknown(found, [joint.name for joint in library.card.joints])
     kept = keep_significant(found)
     if kept is None:
-        text = (
-            f"delay between the encoders: {1e3 * found.delay:.3g} ms (standard deviation "
-            f"{1e3 * found.delay_std:.2g} ms), zero offsets up to {np.nanmax(np.abs(found.offsets)):.2g} "
-            f"({np.nanmax(found.offset_stds):.2g}): both may be zero, and nothing was moved"
-        )
-        return tuple(recordings), found, (Notice(code="log.in-line", text=text),)
+        return tuple(recordings), found, (_say_in_line(found), *unknown)
     moved = tuple(align(recording, kept, run=run) for run, recording in enumerate(recordings))
-    return moved, kept, tuple(recording.notices[-1] for recording in moved)
+    return moved, kept, (*(recording.notices[-1] for recording in moved), *unknown)
+
+
+def _say_in_line(found: Alignment) -> Notice:
+    text = (
+        f"delay between the encoders: {1e3 * found.delay:.3g} ms (standard deviation "
+        f"{1e3 * found.delay_std:.2g} ms)"
+    )
+    if np.all(np.isnan(found.offsets)):
+        return Notice(code="log.in-line", text=f"{text}: it may be zero, and nothing was moved")
+    text += (
+        f", zero offsets up to {np.nanmax(np.abs(found.offsets)):.2g} ({np.nanmax(found.offset_stds):.2g})"
+    )
+    return Notice(code="log.in-line", text=f"{text}: both may be zero, and nothing was moved")
+
+
+def say_unknown(alignment: Alignment, joints: Sequence[str]) -> tuple[Notice, ...]:
+    """Return a notice on link encoders whose zero cannot be told; `joints` are the names of all."""
+    names = [repr(name) for name, unknown in zip(joints, alignment.unknown, strict=True) if unknown]
+    if not names:
+        return ()
+    text = (
+        f"joint{'s'[: len(names) > 1]} {', '.join(names)}: the torque of gravity hardly changes in some log, "
+        "so that a zero offset of its link encoder looks like its torsion; the offset was left alone: "
+        "set the zero with the joint unloaded, or move it to where gravity pulls otherwise"
+    )
+    return (Notice(code="log.offset-unknown", text=text),)
 
 
 def list_torsion_columns(runs: Sequence[RigidRows]) -> list[FloatArray]:
@@ -230,6 +272,8 @@ def find_reversal_widths(runs: Sequence[RigidRows]) -> FloatArray:
 
 def _list_columns(rows: RigidRows, beta: FloatArray, scale: FloatArray, width: FloatArray) -> FloatArray:
     gravity = rows.still @ beta / scale
+    # Rounding at a joint that gravity does not load is no torque, and must not look like a constant one.
+    gravity = np.where(np.max(np.abs(gravity), axis=0) > _ROUNDING, gravity, 0.0)
     torque = rows.whole @ beta / scale
     plays = np.stack(
         [find_plays(torque[:, joint], np.array(_PLAYS), None) for joint in range(torque.shape[1])], axis=1

@@ -105,7 +105,7 @@ def build_elastic_report(estimate: ElasticEstimate, extras: ElasticExtras | None
         robot=estimate.robot,
         verdict=find_elastic_verdict(estimate, extras.trials),
         trials=tuple(map(build_trial, extras.trials)),
-        springs=tuple(map(build_spring, estimate.springs)),
+        springs=tuple(build_spring(entry) for entry in estimate.springs if entry.told),
         has_truth=any(entry.truth is not None for entry in kept),
         parameters=tuple(map(write_parameter, kept)),
         refused=estimate.refused,

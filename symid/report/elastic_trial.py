@@ -13,7 +13,7 @@ Not supported: one encoder only.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -90,11 +90,23 @@ class ElasticTrial:
     @property
     def mean_relative_percent(self) -> float:
         """Return the mean over joints of what dynamics of motors and links leave, in percent."""
-        return float(np.mean([entry.relative_percent for entry in self.residuals[0][1]]))
+        return self.means[0]
+
+    @property
+    def means(self) -> tuple[float, ...]:
+        """Return the mean over joints of the relative residuals of every table, in percent."""
+        return tuple(
+            float(np.mean([entry.relative_percent for entry in entries])) for _, entries in self.residuals
+        )
 
 
 def try_estimate(
-    estimate: ElasticEstimate, library: Library, recording: Recording, *, initial: Sequence[Elasticity] = ()
+    estimate: ElasticEstimate,
+    library: Library,
+    recording: Recording,
+    *,
+    initial: Sequence[Elasticity] = (),
+    cutoff: float | None = None,
 ) -> ElasticTrial:
     """Return what `estimate` says of `recording`, filtered as its own logs were.
 
@@ -103,6 +115,7 @@ def try_estimate(
         library: of the robot.
         recording: with both encoders.
         initial: springs of the start, one a joint; empty where they are not at hand.
+        cutoff: of the low-pass in Hz in place of the estimate's, 0 for none; None to keep that.
 
     Raises:
         EstimateError: the estimate's settings cannot be used.
@@ -111,9 +124,10 @@ def try_estimate(
     return predict_trial(
         library,
         recording,
-        _read_options(estimate),
+        _read_options(estimate) if cutoff is None else replace(_read_options(estimate), cutoff=cutoff),
         estimate.build_fit(len(library.card.beta)),
         initial=initial,
+        told=[spring.told for spring in estimate.springs],
         truth=[spring.truth for spring in estimate.springs],
         fitted=_is_fitted(estimate, recording.source),
     )
@@ -146,6 +160,7 @@ def predict_trial(
     final: ElasticFit,
     *,
     initial: Sequence[Elasticity] = (),
+    told: Sequence[bool] = (),
     truth: Sequence[Elasticity | None] = (),
     fitted: bool = False,
 ) -> ElasticTrial:
@@ -157,6 +172,7 @@ def predict_trial(
         options: of the identification; its filters are used.
         final: what was identified.
         initial: springs of the start, one a joint; empty where there are none.
+        told: whether the spring of each joint counts as found; empty where all do.
         truth: true springs, one a joint; empty where unknown.
         fitted: whether the log is one of the fit.
 
@@ -168,9 +184,12 @@ def predict_trial(
     motor = rows.find_motor_side(np.concatenate([final.rotor, final.friction]))
     link = rows.find_link_side(final.beta)
     torsion = filter_smooth(signals.phi, options.rate, signals.period)[rows.keep]
-    sets = [
-        _find_spring_torques(parts, signals, rows, options) for parts in (final.elasticity, initial, truth)
+    springs = final.elasticity
+    known = [
+        spring if counts else None
+        for spring, counts in zip(springs, told or [True] * len(springs), strict=True)
     ]
+    sets = [_find_spring_torques(parts, signals, rows, options) for parts in (known, initial, truth)]
     joints = tuple(
         JointTrial(
             joint=card.name,
@@ -219,7 +238,7 @@ def _list_residuals(
         )
     ]
     known = [(entry, entry.final) for entry in joints if entry.final is not None]
-    if len(known) == len(joints):
+    if known:
         motors = (
             _find_residual(entry, torque[:, index], entry.motor - final)
             for index, (entry, final) in enumerate(known)

@@ -31,12 +31,15 @@ def find_truth(card: ModelCard) -> FloatArray:
     Raises:
         UsageError: the robot file does not state all of them.
     """
-    entries = (*card.beta, *card.rotors, *card.friction)
-    unknown = [entry.name for entry in entries if entry.value is None]
+    values = {entry.name: entry.value for entry in (*card.beta, *card.rotors, *card.friction)}
+    # A joint whose file states no rotor has one nevertheless: chi has an entry for it.
+    rotors = [f"IA{joint.number}" for joint in card.joints if card.elastic]
+    names = [*(entry.name for entry in card.beta), *rotors, *(entry.name for entry in card.friction)]
+    unknown = [name for name in names if values.get(name) is None]
     if unknown:
         text = f"robot {card.robot!r} states no value for {', '.join(unknown)}; a study needs the truth"
         raise UsageError(Notice(code="usage.study-robot", text=text))
-    return np.array([entry.value for entry in entries], dtype=np.float64)
+    return np.array([values[name] for name in names], dtype=np.float64)
 
 
 def find_parameter_error(fit: ElasticFit, truth: FloatArray) -> float:

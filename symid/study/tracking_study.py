@@ -26,7 +26,7 @@ from symid.excitation.trajectories import build_tc
 from symid.formats.toml import read_robot
 from symid.simulation.elastic_options import build_noisy_options
 from symid.study.elastic_runs import DATASETS, Condition, observe_runs
-from symid.study.elastic_task import AUTOMATIC, fit_all, prepare_world
+from symid.study.elastic_task import AUTOMATIC, STUDY_METHODS, fit_all, prepare_world
 from symid.study.executor import run_tasks
 from symid.study.spread import PairedDifference, Spread, find_paired_difference, find_spread
 
@@ -38,7 +38,6 @@ CASE_1, CASE_2, CASE_2_ENCODER = (
     "Case 2 with link encoder",
 )
 CASES = (CASE_1, CASE_2, CASE_2_ENCODER, RIGID)
-_METHODS = ("elimination", "weighted", "two-step", "nlp", "independent", "independent, link encoder")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,7 +73,7 @@ def _run_seed(task: tuple[Path, int]) -> dict[str, tuple[float, ...]]:
     world = prepare_world(path, Condition.NOISY)
     robot = read_robot(path)
     recordings = observe_runs(world.runs, DATASETS[-1].runs, Condition.NOISY, seed)
-    fits = fit_all(world.library, recordings, ElasticOptions(), _METHODS).fits
+    fits = fit_all(world.library, recordings, ElasticOptions(), STUDY_METHODS).fits
     models: dict[str, ElasticFit] = {
         CASE_1: fits[AUTOMATIC],
         CASE_2: fits["independent"],

@@ -93,6 +93,49 @@ def test_validate_misses_a_gate(capsys, folder, estimate):
     assert "what the links need, less what the springs say" in capsys.readouterr().out
 
 
+def test_the_gate_is_missed_by_wrong_springs_too(capsys, folder, estimate, tmp_path):
+    springs = json.loads(estimate.read_text(encoding="utf-8"))["springs"]
+    for spring in springs:
+        spring["elasticity"]["stiffness"] *= 1.3
+    wrong = change(estimate, tmp_path / "wrong.json", springs=springs)
+    _, right = call_json(capsys, "validate", ROBOT, estimate, folder / "tc.npz", "--gate", "2")
+    means = [table["mean_relative_percent"] for table in right["result"]["tables"]]
+    assert max(means) < 2.0
+    code, answer = call_json(capsys, "validate", ROBOT, wrong, folder / "tc.npz", "--gate", "2")
+    assert code == 1
+    assert not answer["result"]["accepted"]
+    assert answer["result"]["mean_relative_percent"] == pytest.approx(means[0])
+    assert [entry["code"] for entry in answer["errors"]] == ["validate.gate-missed"] * 2
+    assert answer["errors"][1]["text"].startswith("Torque of the joints")
+    assert min(table["mean_relative_percent"] for table in answer["result"]["tables"][1:]) > 5.0
+
+
+def test_settings_of_signals_are_followed_or_refused(capsys, folder, estimate, tmp_path):
+    call = ("validate", ROBOT, estimate, folder / "tc.npz")
+    _, plain = call_json(capsys, *call)
+    ends = ("--set", "processing.drop_first=1000", "--set", "processing.filter_cutoff=8")
+    code, answer = call_json(capsys, *call, *ends)
+    assert code == 0
+    assert answer["result"]["samples"] < plain["result"]["samples"] - 500
+    assert "log.cut" in {entry["code"] for entry in answer["warnings"]}
+    report = ("report", estimate, "--validation", folder / "tc.npz", "-o", tmp_path / "page.html")
+    code, answer = call_json(capsys, *report, *ends)
+    assert code == 0
+    assert "log.cut" in {entry["code"] for entry in answer["warnings"]}
+    for verb in (call, (*report, "--force")):
+        code, answer = call_json(capsys, *verb, "--set", "processing.decimation.factor=2")
+        assert (code, answer["errors"][0]["code"]) == (2, "usage.elastic-processing")
+
+
+@pytest.mark.parametrize("options", [("--robot", ROBOT), ("--set", "processing.drop_first=3")])
+def test_a_report_without_logs_refuses_what_is_of_logs(capsys, estimate, tmp_path, options):
+    page = tmp_path / "page.html"
+    code, answer = call_json(capsys, "report", estimate, "-o", page, *options)
+    assert (code, answer["errors"][0]["code"]) == (2, "usage.no-validation")
+    assert options[0] in answer["errors"][0]["text"]
+    assert not page.exists()
+
+
 def test_validate_takes_delay_and_offset_out_as_the_identification_does(capsys, folder, estimate, tmp_path):
     log = tmp_path / "late.npz"
     motion = ("--trajectory", "tc", "--clean", "--delay", "0.003", "--offset", "0.002")
@@ -126,6 +169,23 @@ def test_an_estimate_without_springs_says_nothing_of_them(capsys, folder, estima
     code, answer = call_json(capsys, "export", ROBOT, bare, "-o", tmp_path / "bare.toml")
     assert code == 0
     assert answer["result"]["not_identified"] == ["the spring of 'shoulder'", "the spring of 'elbow'"]
+
+
+def test_a_spring_that_was_refused_is_not_tried(capsys, folder, estimate, tmp_path):
+    springs = json.loads(estimate.read_text(encoding="utf-8"))["springs"]
+    springs[1] |= {"told": False, "reason": "for the test", "torsion": 1e-4}
+    part = change(estimate, tmp_path / "part.json", springs=springs)
+    code, answer = call_json(capsys, "validate", ROBOT, part, folder / "tc.npz")
+    assert code == 0
+    tables = answer["result"]["tables"]
+    assert [len(table["residual"]) for table in tables] == [2, 1, 1]
+    assert "validate.beyond-torsion" not in {entry["code"] for entry in answer["warnings"]}
+    assert run(["validate", ROBOT, str(part), str(folder / "tc.npz"), "-q"]) == 0
+    assert "The estimate has no spring of elbow" in capsys.readouterr().out
+    code, answer = call_json(capsys, "validate", ROBOT, part, folder / "tc.npz", "--tracking")
+    assert (code, answer["errors"][0]["code"]) == (2, "usage.no-springs")
+    page = tmp_path / "page.html"
+    assert run(["report", str(part), "--validation", str(folder / "tc.npz"), "-o", str(page), "-q"]) == 0
 
 
 def test_tracking_with_the_springs_is_better_than_without(capsys, folder, estimate):

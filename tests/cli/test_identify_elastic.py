@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from symid.cli.main import run
+from symid.formats.locate import find_robot_file
 
 KR300 = Path(__file__).parents[3] / "shared" / "data" / "kr300"
 MISSING = pytest.mark.skipif(not KR300.exists(), reason=f"the KR300's recordings are not at {KR300}")
@@ -231,3 +232,166 @@ def test_a_log_too_short_for_a_delay_is_taken_as_it_is(capsys, tmp_path):
     assert code == 0
     assert "log.short-alignment" in {entry["code"] for entry in answer["warnings"]}
     assert answer["result"]["alignment"] is None
+
+
+def test_the_cutoff_and_the_ends_of_elastic_joints_are_those_asked_for(capsys, experiment):
+    call = ("identify", "two_link_elastic", experiment, "--method", "linear-spring")
+    _, plain = call_json(capsys, *call)
+    assert plain["result"]["settings"]["cutoff"] is None
+    code, answer = call_json(capsys, *call, "--cutoff", "15", "--drop-first", "3000", "--drop-last", "2000")
+    assert code == 0
+    settings = answer["result"]["settings"]
+    assert settings["cutoff"] == 15.0
+    assert settings["cutoffs"] == [15.0]
+    (notice,) = (entry for entry in answer["warnings"] if entry["code"] == "log.cut")
+    assert "the first 3000 and the last 2000 of 20001 samples" in notice["text"]
+    counts = [entry["result"]["residual"][0]["samples"] for entry in (plain, answer)]
+    assert counts[1] < counts[0] - 1000
+    # The same by the names of the settings; no filter is a setting too.
+    code, answer = call_json(capsys, *call, "--set", "processing.filter_cutoff=none")
+    assert code == 0
+    assert answer["result"]["settings"]["cutoffs"] == [0.0]
+
+
+@pytest.mark.parametrize(
+    ("method", "options", "name"),
+    [
+        ("elimination", ["--decimate", "3"], "decimation.factor (--decimate)"),
+        ("elimination", ["--set", "processing.standstill=1"], "standstill"),
+        ("elimination", ["--set", "processing.noise_freedom=one"], "noise_freedom"),
+        ("stiffness", ["--cutoff", "30"], "filter_cutoff (--cutoff)"),
+    ],
+)
+def test_settings_without_a_meaning_for_elastic_joints_are_refused(capsys, two_sided, method, options, name):
+    status, answer = call_json(
+        capsys, "identify", "two_link_elastic", two_sided, "--method", method, *options
+    )
+    assert status == 2
+    (error,) = answer["errors"]
+    assert error["code"] == "usage.elastic-processing"
+    assert f"processing.{name} cannot be used here" in error["text"]
+
+
+def test_cutting_off_all_of_an_elastic_log_is_refused(capsys, two_sided):
+    call = ("identify", "two_link_elastic", two_sided, "--method", "elimination")
+    status, answer = call_json(capsys, *call, "--drop-first", "5990", "--drop-last", "8")
+    assert status == 3
+    assert {entry["code"] for entry in answer["errors"]} == {"log.too-short"}
+
+
+@pytest.fixture
+def strict_arm(tmp_path):
+    """Return the elastic arm with settings of rigid robots in its file."""
+    text = find_robot_file("two_link_elastic").read_text(encoding="utf-8")
+    path = tmp_path / "strict.toml"
+    settings = (
+        "[processing]\nfilter_cutoff = 22\ndrop_first = 100\nstandstill = 0.1\ndecimation = { factor = 4 }\n"
+    )
+    path.write_text(f"{text}\n{settings}", encoding="utf-8")
+    return path
+
+
+def test_settings_of_the_robot_file_are_used_or_told(capsys, strict_arm, experiment):
+    code, answer = call_json(capsys, "identify", strict_arm, experiment, "--method", "linear-spring")
+    assert code == 0
+    assert answer["result"]["settings"]["cutoffs"] == [22.0]
+    (notice,) = (entry for entry in answer["warnings"] if entry["code"] == "identify.unused-processing")
+    assert "standstill, decimation: not used here" in notice["text"]
+    assert "log.cut" in {entry["code"] for entry in answer["warnings"]}
+    code, answer = call_json(capsys, "identify", strict_arm, experiment, "--method", "stiffness")
+    (notice,) = (entry for entry in answer["warnings"] if entry["code"] == "identify.unused-processing")
+    assert "standstill, decimation, filter_cutoff: not used here" in notice["text"]
+
+
+def make_late(path, target, delay, rate=1000):
+    """Write the log at `path` with the links later by `delay` s, or earlier, to `target`."""
+    with np.load(path) as log:
+        columns = {name: log[name] for name in ("t", "q", "theta", "tau")}
+    lag = round(abs(delay) * rate)
+    early, late = slice(None, -lag), slice(lag, None)
+    link, others = (early, late) if delay > 0.0 else (late, early)
+    columns = {name: values[link if name == "q" else others] for name, values in columns.items()}
+    np.savez(target, **columns)
+    return target
+
+
+def test_a_delay_beyond_the_search_is_refused(capsys, experiment, tmp_path):
+    late = make_late(experiment, tmp_path / "late.npz", 0.15)
+    for method in ("elimination", "stiffness"):
+        code, answer = call_json(capsys, "identify", "two_link_elastic", late, "--method", method)
+        assert code == 3
+        assert [entry["code"] for entry in answer["errors"]] == ["log.delay-beyond"]
+
+
+def test_links_ahead_of_their_motors_are_called_so(capsys, experiment, tmp_path):
+    early = make_late(experiment, tmp_path / "early.npz", -0.012)
+    call = ["identify", "two_link_elastic", str(early), "--method", "stiffness"]
+    assert run(call) == 0
+    captured = capsys.readouterr()
+    assert "link encoders lead motor encoders by 9.69" in captured.out
+    assert "earlier than the motor encoders" in captured.err
+    assert "at the beginning were cut off" in captured.err
+
+
+def test_without_a_delay_none_is_told(capsys, tmp_path):
+    path = tmp_path / "run.npz"
+    call = ["simulate", "two_link_elastic", "--trajectory", "ta", "--scale", "10", "--duration", "12"]
+    assert run([*call, "--offset", "0.5", "-o", str(path), "-q"]) == 0
+    assert run(["identify", "two_link_elastic", str(path), "--method", "stiffness"]) == 0
+    captured = capsys.readouterr()
+    assert "there is no delay beyond doubt" in captured.out
+    assert "were moved by zero offsets of up to 0.5" in captured.err
+    assert " 0 ms" not in captured.err
+    code, answer = call_json(capsys, "identify", "two_link_elastic", path, "--method", "elimination")
+    assert code == 0
+    offsets = answer["result"]["alignment"]["offsets"][0]["offsets"]
+    assert all(value == pytest.approx(-0.5, abs=3e-4) for value in offsets.values())
+    worst = max(
+        abs(entry["value"] / entry["truth"] - 1.0)
+        for entry in answer["result"]["parameters"]
+        if entry["truth"]
+    )
+    assert worst < 0.05
+
+
+@pytest.fixture
+def link_side(experiment, tmp_path):
+    """Return the experiment's log with the positions of the links alone, as positions of anything."""
+    with np.load(experiment) as log:
+        columns = {name: log[name] for name in ("t", "q", "tau")}
+    np.savez(tmp_path / "links.npz", **columns)
+    np.savez(tmp_path / "named.npz", t=columns["t"], link_position=columns["q"], tau=columns["tau"])
+    return tmp_path / "links.npz", tmp_path / "named.npz"
+
+
+def test_positions_of_links_alone_are_no_motor_side(capsys, link_side):
+    plain, named = link_side
+    code, answer = call_json(capsys, "identify", "two_link_elastic", plain)
+    assert code == 0
+    (notice,) = (entry for entry in answer["warnings"] if entry["code"] == "elastic.negative-rotor")
+    assert "IA2" in notice["text"]
+    code, answer = call_json(capsys, "identify", "two_link_elastic", named)
+    assert code == 3
+    assert {entry["code"] for entry in answer["errors"]} == {"log.missing-column", "log.one-side"}
+    chosen = ("--set", "log.position.columns=link_position", "--set", "log.position.unit=rad")
+    code, answer = call_json(capsys, "identify", "two_link_elastic", named, *chosen)
+    assert code == 3
+    assert [entry["code"] for entry in answer["errors"]] == ["elastic.link-side"]
+
+
+def test_a_robot_with_a_rigid_joint_takes_the_motors_where_joints_are_elastic(capsys, experiment, tmp_path):
+    text = find_robot_file("two_link_elastic").read_text(encoding="utf-8")
+    first, last = text.rindex("[joint.elasticity]"), text.rindex("[joint.limits]")
+    robot = tmp_path / "mixed.toml"
+    robot.write_text(text[:first] + text[last:], encoding="utf-8")
+    code, answer = call_json(capsys, "identify", robot, experiment)
+    assert code == 0
+    codes = {entry["code"] for entry in answer["warnings"]}
+    assert {"log.motor-position", "elastic.motor-side"} <= codes
+    assert "identify.second-encoder" not in codes
+    with np.load(experiment) as log:
+        position = np.column_stack([log["theta"][:, 0], log["q"][:, 1]])
+        np.savez(tmp_path / "one.npz", t=log["t"], q=position, tau=log["tau"])
+    _, alone = call_json(capsys, "identify", robot, tmp_path / "one.npz")
+    values = [[entry["value"] for entry in result["result"]["parameters"]] for result in (answer, alone)]
+    np.testing.assert_allclose(values[0], values[1], rtol=1e-9)

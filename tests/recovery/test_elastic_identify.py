@@ -8,20 +8,29 @@ import pytest
 
 from symid.codegen.cache import prepare_library
 from symid.data.recording import Recording
+from symid.elastic.band import find_wide_cutoff
+from symid.elastic.choice import FOLDS
 from symid.elastic.covariance import find_bound
+from symid.elastic.doubts import warn_of_fit
 from symid.elastic.identify import identify_elastic
-from symid.elastic.methods import build_work, fit_method
+from symid.elastic.methods import build_work, find_candidate, fit_method
 from symid.elastic.options import ElasticOptions
 from symid.elastic.selection import CANDIDATES, choose_fit
 from symid.elastic.signals import prepare_elastic_signals
 from symid.elastic.storage import is_elastic_estimate, read_elastic_estimate, write_elastic_estimate
 from symid.errors import EstimateError, IdentifiabilityError, LogError, UsageError
-from symid.excitation.trajectories import build_tb
+from symid.excitation.trajectories import (
+    FourierOptions,
+    build_random_fourier,
+    build_scaled,
+    build_ta,
+    build_tb,
+)
 from symid.formats.toml import read_robot
 from symid.joint.plays import find_hysteresis_torque
 from symid.robot.elasticity import Elasticity
 from symid.simulation.elastic_experiment import simulate_elastic
-from symid.simulation.elastic_options import build_noisy_options
+from symid.simulation.elastic_options import build_clean_options, build_noisy_options
 from symid.simulation.elastic_run import observe
 from tests.recovery.elastic_runs import find_error, find_truth, prepare_arm, run_arm
 
@@ -248,7 +257,188 @@ def test_one_joint_without_visible_torsion_is_said_and_the_others_are_found(arm,
     told = [notice.text for notice in found.notices if notice.code == "elastic.no-torsion"]
     assert len(told) == 1
     assert "joint 'elbow'" in told[0]
+    assert [(spring.told, spring.reason) for spring in found.springs] == [(True, ""), (False, told[0])]
+    assert ("spring of elbow", told[0]) in found.refused
     assert found.springs[0].elasticity.initial_stiffness == pytest.approx(600.0, rel=0.1)
+
+
+def test_a_torsion_of_the_size_of_the_noise_tells_no_spring(arm, run):
+    """Noise alone spans far more than its standard deviation, and is no torsion for that."""
+    rng = np.random.default_rng(0)
+    motor = run.theta.copy()
+    motor[:, 1] = run.q[:, 1] + 1e-3 * run.phi[:, 1]
+    noise = 0.5e-3 * np.std(run.phi[:, 1])
+    one = Recording(
+        time=run.time,
+        position=run.recording.position + noise * rng.normal(size=motor.shape) * [0.0, 1.0],
+        motor_position=motor,
+        torque=run.recording.torque,
+    )
+    found = identify_elastic(arm[1], [one], ElasticOptions(method="weighted"))
+    assert [spring.told for spring in found.springs] == [True, False]
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-6])
+def test_what_a_joint_at_rest_hides_is_refused_by_name(tmp_path, arm, run, noise):
+    rng = np.random.default_rng(0)
+    still = [0.3 + noise * rng.normal(size=len(run.time)) for _ in range(2)]
+    recording = Recording(
+        time=run.time,
+        position=np.column_stack([run.q[:, 0], still[0]]),
+        motor_position=np.column_stack([run.theta[:, 0], still[1]]),
+        torque=run.torque,
+    )
+    method = "automatic" if noise == 0.0 else "weighted"
+    found = identify_elastic(arm[1], [recording], ElasticOptions(method=method))
+    assert [name for name, _ in found.refused] == ["IA2", "Fv2", "Fc2", "spring of elbow"]
+    stds = {entry.name: entry.std for entry in found.parameters}
+    assert {name for name, std in stds.items() if not np.isfinite(std)} == {"IA2", "Fv2", "Fc2"}
+    assert np.all(np.isfinite(values(found)))
+    assert [spring.told for spring in found.springs] == [True, False]
+    path = write_elastic_estimate(found, tmp_path / "estimate.json")
+    assert read_elastic_estimate(path, arm[1].card) == found
+
+
+def test_an_encoder_that_never_changes_tells_no_torsion(arm, run):
+    stuck = run.recording.position.copy()
+    stuck[:, 0] = 0.1
+    dead = replace(run.recording, position=stuck)
+    found = identify_elastic(arm[1], [dead], ElasticOptions(method="weighted"))
+    assert [spring.told for spring in found.springs] == [False, True]
+    told = [notice.text for notice in found.notices if notice.code == "elastic.dead-encoder"]
+    assert len(told) == 1
+    assert "joint 'shoulder': the link encoder never changes" in told[0]
+    # Without the shoulder's motor nothing is left to explain the elbow's torque either.
+    stuck = run.recording.motor_position.copy()
+    stuck[:, 0] = 0.1
+    dead = replace(run.recording, motor_position=stuck)
+    with pytest.raises(IdentifiabilityError, match="the motor encoder never changes") as caught:
+        identify_elastic(arm[1], [dead], ElasticOptions(method="weighted"))
+    assert [notice.code for notice in caught.value.notices] == ["elastic.dead-encoder", "elastic.no-spring"]
+
+
+@pytest.mark.parametrize("torque", [0.0, 3.0])
+def test_a_log_without_torque_is_refused(arm, run, torque):
+    dead = replace(run.recording, torque=np.full_like(run.torque, torque))
+    with pytest.raises(IdentifiabilityError, match="zero, or the same number, throughout") as caught:
+        identify_elastic(arm[1], [dead])
+    assert [notice.code for notice in caught.value.notices] == ["elastic.no-torque"]
+
+
+@pytest.mark.parametrize("method", ["elimination", "weighted", "two-step"])
+@pytest.mark.parametrize("mistake", ["torque", "sides"])
+def test_springs_that_explain_nothing_are_refused(arm, run, method, mistake):
+    good = run.recording
+    wrong = {
+        "torque": replace(good, torque=-good.torque),
+        "sides": replace(good, position=good.motor_position, motor_position=good.position),
+    }
+    with pytest.raises(IdentifiabilityError, match="no spring explains its torque") as caught:
+        identify_elastic(arm[1], [wrong[mistake]], ElasticOptions(method=method))
+    assert [notice.code for notice in caught.value.notices] == ["elastic.no-spring"] * 2
+
+
+def test_one_joint_with_its_sides_swapped_has_no_spring(arm, run):
+    position, motor = run.recording.position.copy(), run.recording.motor_position.copy()
+    position[:, 1], motor[:, 1] = run.recording.motor_position[:, 1], run.recording.position[:, 1]
+    wrong = replace(run.recording, position=position, motor_position=motor)
+    found = identify_elastic(arm[1], [wrong], ElasticOptions(method="weighted"))
+    assert [spring.told for spring in found.springs] == [True, False]
+    assert "swapped" in found.springs[1].reason
+    assert "elastic.no-spring" in {notice.code for notice in found.notices}
+    assert "spring of elbow" in dict(found.refused)
+
+
+@pytest.mark.parametrize(("joint", "hidden"), [(0, {"Fv2", "Fc2"}), (1, {"Fv1", "Fc1"})])
+def test_what_the_motion_of_one_joint_does_not_tell_is_refused(arm, joint, hidden):
+    options = replace(build_noisy_options(), duration=20.0)
+    slow = simulate_elastic(*arm, build_tb(joint), options, np.random.default_rng(1))
+    found = identify_elastic(arm[1], [slow.recording], ElasticOptions(method="weighted"))
+    assert {name for name, _ in found.refused} == hidden
+    assert all("exceeds its value" in reason for _, reason in found.refused)
+    assert "elastic.not-told" in {notice.code for notice in found.notices}
+    wrong = np.abs(values(found) - find_truth(arm[1]))
+    names = [entry.name for entry in found.parameters]
+    # What is kept is right; what is refused need not be.
+    kept = [index for index, name in enumerate(names) if name not in hidden]
+    stds = np.array([entry.std for entry in found.parameters])
+    assert np.all(wrong[kept] < 6.0 * stds[kept])
+
+
+def test_all_is_told_by_a_motion_of_all_joints(estimate):
+    """Parameters that are zero are known to be so."""
+    assert estimate.refused == ()
+    assert all(spring.told for spring in estimate.springs)
+    assert "elastic.not-told" not in {notice.code for notice in estimate.notices}
+
+
+def test_energy_rows_of_many_joints_are_warned_of(robots_folder):
+    robot = read_robot(robots_folder / "puma560_elastic.toml")
+    library = prepare_library(robot)
+    rng = np.random.default_rng(3)
+    motion = build_random_fourier(robot, rng, FourierOptions(duration=12.0))
+    log = simulate_elastic(robot, library, motion, build_noisy_options(), rng).recording
+    codes = {}
+    for method in ("linear-spring", "two-step", "weighted"):
+        options = ElasticOptions(method=method, iterations=2, refine=False)
+        try:
+            notices = identify_elastic(library, [log], options).notices
+        except IdentifiabilityError as error:
+            # All springs may be refused then, and the reason is said all the same.
+            notices = error.notices
+        codes[method] = {notice.code for notice in notices}
+    for method in ("linear-spring", "two-step"):
+        assert {"identify.energy-rank", "elastic.condition"} <= codes[method]
+    assert not {"identify.energy-rank", "elastic.condition"} & codes["weighted"]
+
+
+def test_rows_that_begin_before_stops_have_settled_are_said(arm):
+    """Motion that grows: the largest torsion comes last, long after a quarter of the log."""
+    growing = replace(build_scaled(build_ta(), 3.0), decay=np.full(2, -0.2))
+    options = replace(build_clean_options(), duration=12.0)
+    late = simulate_elastic(*arm, growing, options, np.random.default_rng(0))
+    found = identify_elastic(arm[1], [late.recording], ElasticOptions(method="weighted"))
+    told = [notice.text for notice in found.notices if notice.code == "elastic.unsettled"]
+    assert told
+    assert "rows begin at 3 s" in told[0]
+    assert "rad is known from" in told[0]
+
+
+def test_a_spring_without_stiffness_beyond_its_stops_is_said(arm, run):
+    work = build_work(arm[1], (run.recording,), ElasticOptions())
+    fit = fit_method(work, "weighted")
+    codes = {notice.code for notice in warn_of_fit(work, fit, 10.0)}
+    assert "elastic.no-stiffness" not in codes
+    soft = replace(fit, elasticity=(replace(fit.elasticity[0], stiffness=0.0), fit.elasticity[1]))
+    texts = [n.text for n in warn_of_fit(work, soft, 10.0) if n.code == "elastic.no-stiffness"]
+    assert len(texts) == 1
+    assert "'shoulder'" in texts[0]
+    assert "elastic.no-stiffness" not in {n.code for n in warn_of_fit(work, soft, 10.0, refused=(0,))}
+
+
+def test_the_one_shot_fit_is_moved_by_the_rows_that_it_has_to_foretell(arm, run):
+    work = build_work(arm[1], (run.recording,), ElasticOptions())
+    fit = fit_method(work, "nlp")
+    candidate = find_candidate(work, fit)
+    deviations = np.sqrt(np.diag(fit.covariance))
+    for fold in range(FOLDS):
+        moved = np.abs(candidate.refit(fold) - fit.chi)
+        assert np.max(moved / deviations) > 0.1
+        assert np.max(moved / deviations) < 5.0
+
+
+def test_recordings_of_other_sample_rates_have_cutoffs_of_their_own(arm, run):
+    whole = run.recording
+    slow = Recording(
+        time=whole.time[::10],
+        position=whole.position[::10],
+        motor_position=whole.motor_position[::10],
+        torque=whole.torque[::10],
+    )
+    work = build_work(arm[1], (whole, slow), ElasticOptions(cutoff=10.0))
+    expected = [find_wide_cutoff(part.period) for part in (whole, slow)]
+    assert [part.cutoff for part in work.wide.signals] == expected
+    assert expected[0] > expected[1]
 
 
 def test_a_slow_motion_of_one_joint_leaves_doubts(arm):

@@ -1,25 +1,35 @@
 """Dynamics, friction and hysteresis of a simulated arm in one problem: recovered, with proof."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from symid.codegen.cache import prepare_library
+from symid.elastic.elimination import fit_elimination
 from symid.elastic.fit import ElasticOutcome
+from symid.elastic.identify import identify_elastic
+from symid.elastic.iteration import fit_linear_spring, fit_two_step
 from symid.elastic.nlp import fit_nlp
+from symid.elastic.nlp_covariance import find_nlp_covariance
 from symid.elastic.nlp_multistart import optimise_from_many
 from symid.elastic.nlp_options import NlpOptions
+from symid.elastic.nlp_places import find_place_slopes, list_places
+from symid.elastic.nlp_rows import build_nlp_recording
+from symid.elastic.nlp_setting import prepare_setting
 from symid.elastic.nlp_solver import find_certificate, optimise_nlp
 from symid.elastic.nlp_starts import find_random_start
-from symid.elastic.options import ElasticOptions
+from symid.elastic.options import METHODS, ElasticOptions
 from symid.elastic.problem import build_problem
 from symid.elastic.signals import prepare_elastic_signals
+from symid.errors import UsageError
 from symid.excitation.trajectories import build_tc
 from symid.formats.toml import read_robot
 from symid.joint.plays import find_hysteresis_torque, find_spring_work
 from symid.simulation.elastic_experiment import simulate_elastic
 from symid.simulation.elastic_options import build_clean_options, build_noisy_options
+from symid.study.elastic_errors import find_truth
 
 TRUE_PLACES = {
     "thresholds": ((0.002, 0.005, 0.010), (0.003, 0.008, 0.016)),
@@ -137,6 +147,107 @@ def test_stops_and_knees_where_the_data_put_them(arm, noisy):
     assert np.all(springs < 0.03)
     assert result.run.certificate.kkt < 1e-8
     assert len(result.fit.history) == NlpOptions().rounds + 1
+
+
+def test_places_move_to_the_best_ones_and_given_ones_stay(arm, noisy):
+    """Steps of Gauss and Newton find the true places again from those that were put aside."""
+    aside = tuple(
+        replace(
+            spring,
+            stops=tuple(replace(stop, threshold=0.96 * stop.threshold) for stop in spring.stops),
+            knees=tuple(replace(knee, threshold=0.95 * knee.threshold) for knee in spring.knees),
+        )
+        for spring in arm[1].card.elasticity
+    )
+    away = replace(fit_nlp(noisy).fit, elasticity=aside)
+    found = fit_nlp(noisy, NlpOptions(rounds=4), away)
+    for spring, true in zip(found.fit.elasticity, arm[1].card.elasticity, strict=True):
+        # The largest stop of either joint hardly slips in this recording, or does not.
+        expected = [stop.threshold for stop in true.stops[:2]]
+        assert [stop.threshold for stop in spring.stops[:2]] == pytest.approx(expected, rel=0.02)
+        expected = [knee.threshold for knee in true.knees]
+        assert [knee.threshold for knee in spring.knees] == pytest.approx(expected, rel=0.02)
+    given = replace(noisy, options=replace(noisy.options, refine=False))
+    kept = fit_nlp(given, NlpOptions(rounds=4), away)
+    for spring, places in zip(kept.fit.elasticity, aside, strict=True):
+        expected = [stop.threshold for stop in places.stops]
+        assert [stop.threshold for stop in spring.stops] == expected[: len(spring.stops)]
+        assert [entry.threshold for entry in spring.knees] == [entry.threshold for entry in places.knees]
+    assert found.run.objective < kept.run.objective
+    # Places that the data chose add to the doubt of what they trade with.
+    known = find_nlp_covariance(found.cost, found.run.x)
+    assert np.all(np.diag(found.fit.covariance) > 0.9 * np.diag(known))
+    assert np.max(np.diag(found.fit.covariance) / np.diag(known)) > 2.0
+    np.testing.assert_allclose(kept.fit.covariance, find_nlp_covariance(kept.cost, kept.run.x))
+
+
+def test_slopes_by_places_are_those_of_the_problem(noisy):
+    """Against the same problem with the places moved by hand, ten times as far."""
+    result = fit_nlp(noisy)
+    setting = prepare_setting(noisy, NlpOptions(), result.fit)
+    cost = replace(result.cost, recordings=setting.recordings, layout=setting.lay_out(()))
+    places = list_places(setting, cost, result.run.x)
+    assert len(places) == 6 + 4
+    slopes = find_place_slopes(setting, cost, result.run.x, places)
+    before = cost.find_state(result.run.x).residuals
+    for place in (places[0], places[-1]):
+        knees = [list(entries) for entries in setting.knees]
+        grids = [grid.copy() for grid in setting.thresholds]
+        where = (knees if place.knee else grids)[place.joint]
+        step = 1e-3 * where[place.index]
+        where[place.index] += step
+        moved = setting.move(grids, tuple(map(tuple, knees)))
+        trial = replace(cost, recordings=moved.recordings, layout=moved.lay_out(()))
+        for now, then, slope in zip(
+            before, trial.find_state(result.run.x).residuals, slopes[places.index(place)], strict=True
+        ):
+            assert np.linalg.norm((then - now) / step - slope) <= 0.02 * np.linalg.norm(slope)
+
+
+@pytest.mark.parametrize("rows", [("energy", "momentum"), ("filtered",)])
+def test_rows_with_a_stop_elsewhere_are_those_made_anew(noisy, rows):
+    options = NlpOptions(rows=rows, rounds=0)
+    grids = tuple(np.array(grid) for grid in TRUE_PLACES["thresholds"])
+    problem = replace(noisy, thresholds=grids, options=replace(noisy.options, refine=False))
+    setting = prepare_setting(problem, options, fit_linear_spring(problem))
+    grids = (grids[0] * [1.0, 1.1, 0.9], grids[1])
+    moved = setting.move(grids, setting.knees).recordings[0]
+    anew = build_nlp_recording(problem, 0, grids, rows)
+    for one, other in zip(moved.blocks, anew.blocks, strict=True):
+        for left, right in zip(one.springs, other.springs, strict=True):
+            np.testing.assert_allclose(left.columns, right.columns, rtol=1e-12, atol=1e-15)
+    for name in ("bases", "middles"):
+        for left, right in zip(getattr(moved, name), getattr(anew, name), strict=True):
+            np.testing.assert_array_equal(left, right)
+
+
+def test_a_file_without_rotor_inertias_is_identified_by_every_method(arm, noisy, robots_folder, tmp_path):
+    text = (robots_folder / "two_link_elastic.toml").read_text()
+    file = tmp_path / "two_link_elastic.toml"
+    file.write_text(re.sub(r"(?m)^\[joint.drive\]\n(.*\n){2}", "", text))
+    library = prepare_library(read_robot(file))
+    assert library.card.rotors == ()
+    problem = build_problem(library, noisy.signals, noisy.options)
+    np.testing.assert_allclose(fit_nlp(problem).fit.chi, fit_nlp(noisy).fit.chi, rtol=1e-6)
+    run = simulate_elastic(*arm, build_tc(), build_noisy_options(), np.random.default_rng(0))
+    found = identify_elastic(library, [run.recording], ElasticOptions())
+    values = {entry.name: entry.value for entry in found.parameters}
+    assert values["IA1"] == pytest.approx(0.25, rel=0.02)
+    assert values["IA2"] == pytest.approx(0.05, rel=0.02)
+    assert {trial.method for trial in found.trials} == set(METHODS) - {"automatic", "independent"}
+    with pytest.raises(UsageError, match="states no value for IA1, IA2; a study needs the truth"):
+        find_truth(library.card)
+
+
+@pytest.mark.parametrize(("stops", "knees"), [(0, 4), (8, 0), (0, 0)])
+def test_no_stops_and_no_knees_are_none(arm, stops, knees):
+    problem = build(
+        arm, replace(build_noisy_options(), duration=8.0), ElasticOptions(stops=stops, knees=knees)
+    )
+    for fit in (fit_nlp(problem).fit, fit_two_step(problem), fit_elimination(problem)):
+        for spring in fit.elasticity:
+            assert not spring.stops or stops
+            assert not spring.knees or knees
 
 
 def test_a_grid_over_noisy_data_stays_bounded_and_names_what_holds(arm, noisy):

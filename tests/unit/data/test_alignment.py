@@ -1,11 +1,12 @@
 """Delay and offsets of link encoders, against signals of which both are known in closed form."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from symid.data.alignment import align, find_alignment, keep_significant
+from symid.data.alignment import align, find_alignment, keep_significant, move_link
 from symid.data.encoders import find_encoders, split_blocks
 from symid.data.recording import Recording
 from symid.errors import LogError
@@ -147,3 +148,61 @@ def test_what_cannot_be_aligned_is_refused():
     with pytest.raises(LogError) as caught:
         find_alignment([gap], [columns])
     assert caught.value.notices[0].code == "log.gap"
+
+
+@pytest.mark.parametrize(
+    ("delay", "side", "end"), [(0.0031, "later", "end"), (-0.0031, "earlier", "beginning")]
+)
+def test_what_was_moved_is_said_with_its_direction(delay, side, end):
+    recording, columns = record(3, delay, 0.0)
+    found = find_alignment([recording], [columns])
+    assert found.late
+    text = align(recording, found, run=0).notices[-1].text
+    assert "moved by 3.1 ms" in text
+    assert f"{side} than the motor encoders" in text
+    assert f"at the {end} were cut off" in text
+
+
+def test_a_delay_of_no_significance_is_not_spoken_of():
+    recording, columns = record(2, 0.0, np.array([4e-3, 4e-3]), noise=1e-4)
+    kept = keep_significant(find_alignment([recording], [columns]))
+    moved = align(recording, kept, run=0)
+    assert not kept.late
+    assert " ms" not in moved.notices[-1].text
+    assert "cut off" not in moved.notices[-1].text
+    assert "zero offsets of up to 0.004" in moved.notices[-1].text
+    assert len(moved.time) == len(recording.time)
+    # Exact signals give a delay of rounding size, sure by its own deviation: it moves nothing either.
+    assert not replace(kept, delay=1e-9, delay_std=1e-12).late
+
+
+@pytest.mark.parametrize("delay", [0.11, 0.3, 1.0, -0.11, -0.5])
+def test_a_delay_beyond_the_search_is_refused(delay):
+    recording, columns = record(3, delay, 0.0)
+    with pytest.raises(LogError, match="beyond the 100 ms") as caught:
+        find_alignment([recording], [columns])
+    assert [notice.code for notice in caught.value.notices] == ["log.delay-beyond"]
+
+
+def test_a_large_delay_within_the_search_is_found():
+    recording, columns = record(3, 0.09, 0.0)
+    assert find_alignment([recording], [columns]).delay == pytest.approx(0.09, abs=1e-5)
+
+
+def test_an_offset_that_looks_like_a_constant_torsion_is_left_alone():
+    recording, columns = record(1, 0.002, np.array([1e-3, 2e-3]))
+    constant = columns.copy()
+    constant[:, 1, 0] = 30.0
+    constant[:, 1, 2] = columns[:, 1, 0]
+    found = find_alignment([recording], [constant])
+    assert found.unknown.tolist() == [False, True]
+    assert found.offsets[0, 0] == pytest.approx(1e-3, abs=3e-6)
+    assert np.isnan(found.offsets[0, 1])
+    assert np.isnan(found.offset_stds[0, 1])
+    assert found.delay == pytest.approx(0.002, abs=2e-5)
+    moved = move_link(recording, replace(found, delay=0.0), run=0)
+    np.testing.assert_allclose(
+        moved.position - recording.position, [[1e-3, 0.0]] * len(moved.time), atol=3e-6
+    )
+    other, varying = record(2, 0.002, np.array([1e-3, 2e-3]))
+    assert not find_alignment([recording, other], [columns, varying]).unknown.any()

@@ -122,6 +122,23 @@ def test_one_column_twice_is_refused(make, tmp_path):
     with pytest.raises(LogError) as caught:
         read_recording(path, robot)
     assert [notice.code for notice in caught.value.notices] == ["log.same-encoder"]
+    assert "the columns of the motors in [log.position]" in caught.value.notices[0].text
+
+
+@pytest.mark.parametrize(
+    ("side", "name", "said"),
+    [
+        ("links", "link_position", "none of the motors, with which friction and rotors"),
+        ("motors", "theta", "for what the motor side alone can tell"),
+    ],
+)
+def test_a_log_of_one_side_alone_is_refused_with_what_it_is_good_for(make, tmp_path, side, name, said):
+    path = tmp_path / "run.npz"
+    save(path, q=None, **{name: np.random.default_rng(5).normal(size=(200, 2))})
+    with pytest.raises(LogError, match=f"the positions of the {side} \\({name}\\)") as caught:
+        read_recording(path, make(ARM))
+    assert [notice.code for notice in caught.value.notices] == ["log.missing-column", "log.one-side"]
+    assert said in caught.value.notices[1].text
 
 
 def test_numbers_that_are_none_are_refused_in_the_second_encoder_too(make, tmp_path):

@@ -107,6 +107,8 @@ def test_what_is_no_grid_and_what_the_record_does_not_show_is_refused():
         fit_kuhnen(torsion, torque, [0.2, 1.6])
     with pytest.raises(UsageError, match="nothing is known beyond"):
         fit_kuhnen(torsion, torque, [0.2], [9.0])
+    with pytest.raises(UsageError, match=r"knees \[-0.01\].*fixes no scale"):
+        fit_kuhnen(torsion, torque, [0.2], [-0.01, 0.5])
     with pytest.raises(UsageError, match="two equal columns"):
         fit_kuhnen(torsion[:2], torque[:2], [0.2, 0.6])
     with pytest.raises(UsageError, match="finite"):

@@ -7,11 +7,21 @@ import pytest
 
 from symid.codegen.cache import prepare_library
 from symid.data.recording import Recording
-from symid.elastic.motor_side import build_rigid_variant, find_unseen, has_both_encoders, refuse_elasticity
+from symid.elastic.motor_side import (
+    build_motor_recording,
+    build_rigid_variant,
+    check_motor_side,
+    find_unseen,
+    has_both_encoders,
+    refuse_elasticity,
+    warn_of_rotors,
+)
+from symid.errors import LogError
 from symid.formats.locate import find_robot_file
 from symid.formats.toml import read_robot
-from symid.identification.estimate import Outcome
+from symid.identification.estimate import Outcome, ParameterEstimate
 from symid.identification.identify import identify_parameters
+from symid.robot.log_map import LogMap, LogQuantity
 
 
 @pytest.fixture(scope="module")
@@ -87,3 +97,58 @@ def test_one_encoder_is_told_from_two():
     both = make_recording(motor_position=recording.position)
     assert has_both_encoders([both])
     assert not has_both_encoders([both, recording])
+
+
+def test_elastic_joints_take_the_position_of_their_motors(arm):
+    q = make_recording().position
+    recording = make_recording(motor_position=q + 0.01)
+    whole = build_motor_recording(recording, arm)
+    np.testing.assert_array_equal(whole.position, q + 0.01)
+    assert whole.motor_position is None
+    assert whole.notices[-1].code == "log.motor-position"
+    mixed = replace(arm, joints=(arm.joints[0], replace(arm.joints[1], elasticity=None)))
+    part = build_motor_recording(recording, mixed)
+    np.testing.assert_array_equal(part.position, q + np.array([0.01, 0.0]))
+    rigid = build_rigid_variant(arm)
+    assert build_motor_recording(recording, rigid) is recording
+    # A channel that never moves is no encoder.
+    dead = np.column_stack([np.zeros(len(q)), q[:, 1] + 0.01])
+    kept = build_motor_recording(make_recording(motor_position=dead), arm)
+    np.testing.assert_array_equal(kept.position, q + np.array([0.0, 0.01]))
+
+
+@pytest.mark.parametrize(
+    ("log", "refused"),
+    [
+        (LogMap(), False),
+        (LogMap(position=LogQuantity(columns=("q",), unit="rad")), False),
+        (LogMap(position=LogQuantity(columns=("link_position",), unit="rad")), True),
+        (LogMap(position=LogQuantity(columns=("link_position_1", "link_position_2"), unit="rad")), True),
+        (
+            LogMap(
+                position=LogQuantity(columns=("a", "b"), unit="rad"),
+                link_position=LogQuantity(columns=("a", "b"), unit="rad"),
+            ),
+            True,
+        ),
+    ],
+)
+def test_positions_of_links_are_no_motor_side(arm, log, refused):
+    robot = replace(arm, log=log)
+    if not refused:
+        check_motor_side(robot, [make_recording()])
+        return
+    with pytest.raises(LogError, match="friction and rotors turn with the motors") as caught:
+        check_motor_side(robot, [make_recording()])
+    assert [notice.code for notice in caught.value.notices] == ["elastic.link-side"]
+
+
+def test_a_negative_rotor_is_told():
+    values = {"IA1": 0.2, "IA2": -0.01, "IA12": -1.0, "MY1": -0.3, "Fv1": -1.0}
+    entries = [
+        ParameterEstimate(name=name, value=value, std=0.1, unit="kg m^2") for name, value in values.items()
+    ]
+    (notice,) = warn_of_rotors(entries)
+    assert notice.code == "elastic.negative-rotor"
+    assert "IA2, IA12;" in notice.text
+    assert warn_of_rotors(entries[:1]) == ()

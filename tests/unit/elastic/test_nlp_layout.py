@@ -33,6 +33,14 @@ def test_names_bounds_and_places():
     assert layout.size == 15
 
 
+def test_a_joint_whose_file_states_no_rotor_has_one_nevertheless():
+    card = SimpleNamespace(beta=CARD.beta, rotors=(), friction=CARD.friction, size=1)
+    layout = build_layout(card, [GRID], NlpOptions())
+    assert layout.names == build_layout(CARD, [GRID], NlpOptions()).names
+    assert len(layout.lower) == len(layout.upper) == layout.size
+    assert layout.lower[1] == 0.0
+
+
 def test_slopes_become_changes_of_slope():
     layout = build_layout(CARD, [GRID], NlpOptions())
     x = np.zeros(layout.size)

@@ -1,5 +1,7 @@
 """Springs found again from the torque that they gave."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -14,7 +16,14 @@ from symid.elastic.spring_fit import (
     solve_non_negative,
     thin,
 )
-from symid.elastic.spring_weights import SpringWeights, build_elasticity, find_local_slopes, find_ramps
+from symid.elastic.spring_weights import (
+    LEAST_KNEE,
+    SpringWeights,
+    build_elasticity,
+    find_local_slopes,
+    find_ramps,
+    hold_knees,
+)
 from symid.joint.plays import find_hysteresis_torque
 
 PERIOD, RATE = 2e-3, 60.0
@@ -90,27 +99,65 @@ def test_knees_at_their_places_are_found_with_the_stops(data, target):
     assert np.allclose(found.slopes, TRUE.slopes, rtol=1e-4)
 
 
-def test_positions_are_found_from_a_grid(phi, target):
-    grid = np.arange(1, 9) / 9.0 * np.abs(phi).max()
+def refine(phi, target, *, stops=8, knees=4):
+    """Return the spring that a grid of so many stops and knees a side leads to."""
+    grid = np.arange(1, stops + 1) / (stops + 1.0) * np.abs(phi).max()
     data = prepare_spring_data([phi], [KEEP], grid, RATE, [PERIOD])
     start = fit_stops(data, target)
-    below, above = find_knee_grid(data, start.stiffness, 4)
+    below, above = find_knee_grid(data, start.stiffness, knees)
     start = SpringWeights(
         thresholds=data.thresholds,
         stiffness=start.stiffness,
         below=below,
         above=above,
-        below_slopes=np.ones(4),
-        above_slopes=np.ones(4),
+        below_slopes=np.ones(knees),
+        above_slopes=np.ones(knees),
     )
     found = refine_spring(data, target, fit_spring(data, target, start))
     found = follow_spring(data, target, found, tolerance=1e-9)
-    error = find_filtered_torque(data, found) - target
+    return found, find_filtered_torque(data, found)
+
+
+def test_positions_are_found_from_a_grid(phi, target):
+    found, torque = refine(phi, target)
+    error = torque - target
     assert np.linalg.norm(error) < 3e-3 * np.linalg.norm(target)
     assert len(found.thresholds) <= 5
     assert found.knees <= 6
     whole = build_elasticity(found)
     assert whole.initial_stiffness == pytest.approx(600.0, rel=0.02)
+
+
+@pytest.mark.parametrize("torque", [0.01, 0.05])
+def test_a_knee_at_hardly_any_torque_does_not_set_the_scale(phi, data, torque):
+    """Beyond it the true spring is stiffer by half: that is the stiffness at small torsion."""
+    knees = {
+        "below": np.array([-torque]),
+        "above": np.array([torque]),
+        "below_slopes": np.array([1.5]),
+        "above_slopes": np.array([1.5]),
+    }
+    true = replace(TRUE, thresholds=data.thresholds, **knees)
+    target = find_filtered_torque(data, true)
+    found, reached = refine(phi, target)
+    assert np.linalg.norm(reached - target) < 1e-3 * np.linalg.norm(target)
+    places = np.abs(np.concatenate([found.below, found.above]))
+    assert np.all(places > 0.9 * LEAST_KNEE * np.abs(target).max() / 1.5)
+    assert build_elasticity(found).initial_stiffness > 800.0
+    assert len(found.thresholds) <= 4
+
+
+def test_knees_are_held_away_from_zero_torque_in_their_order():
+    held = hold_knees(np.array([0.001, 0.002, 5.0]), 10.0)
+    assert np.allclose(held, [0.3, 0.33, 5.0])
+    assert np.allclose(hold_knees(np.array([-0.001, -4.0]), 10.0), [-0.3, -4.0])
+
+
+@pytest.mark.parametrize(("stops", "knees"), [(0, 4), (8, 0), (0, 0)])
+def test_none_means_none(phi, target, stops, knees):
+    found, _ = refine(phi, target, stops=stops, knees=knees)
+    assert len(found.thresholds) == 0 or stops
+    assert found.knees == 0 or knees
 
 
 def test_knee_grids_lie_between_zero_and_the_torque_reached(data):

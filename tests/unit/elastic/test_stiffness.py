@@ -135,3 +135,19 @@ def test_without_gravity_there_is_no_stiffness(arm):
     found = find_stiffness(library, [recording])
     assert {entry.verdict for entry in found.joints} == {Verdict.NO_GRAVITY}
     assert "gravity does not load this joint" in found.joints[0].reason
+
+
+def test_a_large_zero_offset_is_found_as_exactly_as_none(library):
+    plain = record(library, 0, noise=1e-6)
+    moved = replace(plain, position=plain.position - np.array([0.5, -0.5]))
+    small, large = (find_torsion_alignment(library, [recording]) for recording in (plain, moved))
+    np.testing.assert_allclose(large.offsets - small.offsets, [[0.5, -0.5]], atol=1e-6)
+    np.testing.assert_allclose(large.offset_stds, small.offset_stds, rtol=1e-3)
+    assert large.delay == pytest.approx(small.delay, abs=1e-7)
+    assert not large.unknown.any()
+
+
+def test_nothing_is_said_to_be_moved_where_nothing_is(library):
+    found = find_stiffness(library, [record(library, 0, noise=2e-4)])
+    assert not found.alignment.late
+    assert all("ms" not in notice.text for notice in found.notices)

@@ -1,0 +1,95 @@
+"""The Cramer-Rao bound of who knows the form of the springs: closed forms, and what comes near it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symid.data.filters import differentiate
+from symid.elastic.covariance import find_bound
+from symid.elastic.signals import ElasticSignals
+from symid.elastic.spring_bound import find_spring_bound
+from symid.robot.elasticity import Stop
+from tests.recovery.elastic_runs import find_truth, prepare_arm, run_arm
+
+SIGMA = np.array([0.2, 0.05])
+
+
+@pytest.fixture(scope="module")
+def arm(robots_folder):
+    return prepare_arm(robots_folder)
+
+
+@pytest.fixture(scope="module")
+def run(arm):
+    return run_arm(*arm, duration=6.0)
+
+
+def read_states(run):
+    return ElasticSignals(
+        time=run.time,
+        q=run.q,
+        dq=run.dq,
+        theta=run.theta,
+        dtheta=run.dtheta,
+        tau=run.torque,
+        period=run.recording.period,
+        settled=0,
+        hold="zero",
+    )
+
+
+def test_the_scale_of_links_and_springs_is_all_that_exact_links_leave_open(arm, run):
+    """With it, rotors and friction: six numbers of the motor equations, a plain least-squares problem."""
+    _, library = arm
+    signals = read_states(run)
+    bound = find_spring_bound(library, [signals], [SIGMA])
+    truth, beta = find_truth(library), len(library.card.beta)
+    (momentum,) = library.evaluate("momentum_regressor", run.q, run.dq)
+    (lagrange,) = library.evaluate("lagrange_regressor", run.q, run.dq)
+    load = (differentiate(momentum, signals.period) - lagrange) @ truth[:beta]
+    rotor = differentiate(run.dtheta, signals.period)[:, :, None] * np.eye(2)
+    (friction,) = library.evaluate("friction_regressor", run.dtheta)
+    rows = np.concatenate([load[:, :, None], rotor, friction], axis=2) / SIGMA[:, None]
+    rows = rows.reshape(-1, rows.shape[2])
+    expected = np.linalg.inv(rows.T @ rows)
+    known = np.abs(truth[:beta]) > 1e-9
+    scale = np.sqrt(np.diag(bound)[:beta][known]) / np.abs(truth[:beta][known])
+    np.testing.assert_allclose(scale, np.sqrt(expected[0, 0]), rtol=2e-2)
+    deviations = np.sqrt(np.diag(bound)[beta:])
+    np.testing.assert_allclose(deviations, np.sqrt(np.diag(expected)[1:]), rtol=2e-2)
+
+
+def test_who_knows_the_form_can_do_better_and_noise_scales_the_bound(arm, run):
+    _, library = arm
+    signals = read_states(run)
+    known, unknown = (find(library, [signals], [SIGMA]) for find in (find_spring_bound, find_bound))
+    assert np.all(np.diag(known) < np.diag(unknown))
+    twice = find_spring_bound(library, [signals], [2.0 * SIGMA])
+    np.testing.assert_allclose(twice, 4.0 * known, rtol=1e-6, atol=1e-12 * np.abs(known).max())
+    again = find_spring_bound(library, [signals, signals], [SIGMA, SIGMA])
+    np.testing.assert_allclose(again, known / 2.0, rtol=1e-5, atol=1e-9 * np.abs(known).max())
+
+
+def test_stops_that_never_slip_leave_the_links_as_they_are(arm, run):
+    """A far stop is one with k0, and nobody can tell them apart; links and friction do not care."""
+    _, library = arm
+    signals = read_states(run)
+    far = tuple(
+        replace(
+            spring,
+            stiffness=spring.stiffness - 10.0,
+            stops=(*spring.stops, Stop(threshold=1.0, stiffness=10.0)),
+        )
+        for spring in library.card.elasticity
+    )
+    known = find_spring_bound(library, [signals], [SIGMA])
+    more = find_spring_bound(_Library(library, far), [signals], [SIGMA])
+    np.testing.assert_allclose(np.diag(more), np.diag(known), rtol=1e-3, atol=1e-12)
+
+
+class _Library:
+    """A library whose card states other springs."""
+
+    def __init__(self, library, springs):
+        self.card, self.evaluate = replace(library.card, elasticity=springs), library.evaluate
