@@ -66,6 +66,12 @@ SYMBOLS: tuple[Symbol, ...] = (
     Symbol("Fcp", "F_c^+", "N m", "N", "Coulomb friction, positive velocity"),
     Symbol("Fvn", "F_v^-", "N m s/rad", "N s/m", "viscous friction, negative velocity"),
     Symbol("Fcn", "F_c^-", "N m", "N", "Coulomb friction, negative velocity"),
+    Symbol("Fe", "F_e", "N m", "N", "static friction beyond Coulomb friction"),
+    Symbol("Fp", "F_p", "N m", "N", "constant torque of the improved Stribeck model"),
+    Symbol("Fvq", "F_{vq}", "N m s^2/rad^2", "N s^2/m^2", "friction with the square of the speed"),
+    Symbol("Fvc", "F_{vc}", "N m s^3/rad^3", "N s^3/m^3", "friction with the cube of the speed"),
+    Symbol("Fd", r"F_\delta", "N m", "N", "friction with a power of the speed, at 1 rad/s or 1 m/s"),
+    Symbol("Fm", "F_m", "N m", "N", "rise of dry friction before it falls again"),
 )
 
 _BY_NAME = {symbol.name: symbol for symbol in SYMBOLS}

@@ -12,7 +12,7 @@ import click
 from symid.cli.inputs import load_robot
 from symid.cli.options import cut_options, force_folder_option, friction_option, output_option, verb
 from symid.cli.output import Answer, Console, format_table
-from symid.errors import GenerationError, Notice
+from symid.errors import GenerationError, Notice, UsageError
 
 if TYPE_CHECKING:  # these load CasADi
     from symid.codegen.casadi_functions import Functions
@@ -42,6 +42,9 @@ _TIMEOUT = 600.0
     help="What functions take: the base parameters beta, or all standard parameters pi.",
 )
 @click.option("--function", "names", multiple=True, metavar="NAME", help="This one only; may be repeated.")
+@click.option(
+    "--friction-laws", is_flag=True, help="Put all static friction laws into the C library besides."
+)
 @friction_option
 @cut_options
 @output_option("Folder of the sources.", required=True, folder=True)
@@ -55,6 +58,7 @@ def command(
     precision: str,
     parameters: str,
     names: tuple[str, ...],
+    friction_laws: bool,
     friction: str | None,
     base_link: str | None,
     tip_link: str | None,
@@ -66,13 +70,16 @@ def command(
 
     The folder needs neither symid nor CasADi. Its self-test is run where a compiler is.
     """
+    if friction_laws and target != "c":
+        text = "--friction-laws: these are written in C; leave out --target python"
+        raise UsageError(Notice(code="usage.friction-laws", text=text))
     described = load_robot(robot, friction=friction, base=base_link, tip=tip_link, snap=snap)
     console.progress(f"deriving the functions of {described.name}")
     from symid.codegen.casadi_functions import build_functions
     from symid.codegen.options import GenerateOptions
     from symid.codegen.writer import write_sources
 
-    options = GenerateOptions(precision=precision)
+    options = GenerateOptions(precision=precision, friction_laws=friction_laws)
     functions = build_functions(described, names=names or None, standard=parameters == "standard")
     console.progress(f"writing {target} code")
     if target == "c":

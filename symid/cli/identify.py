@@ -1,6 +1,6 @@
 """`symid identify ROBOT LOG...`: parameters with their uncertainty, from logs."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -8,7 +8,19 @@ from typing import TYPE_CHECKING
 import click
 
 from symid.cli.elastic_settings import check_settings, cut_logs, find_asked_cutoff, list_unused_settings
-from symid.cli.identify_elastic import answer_elastic, answer_stiffness, choose_route, elastic_options
+from symid.cli.identify_elastic import (
+    Route,
+    answer_elastic,
+    answer_stiffness,
+    choose_route,
+    elastic_options,
+)
+from symid.cli.identify_friction import (
+    answer_friction,
+    check_friction_options,
+    friction_options,
+    split_friction_options,
+)
 from symid.cli.inputs import (
     check_distinct,
     check_output,
@@ -44,6 +56,7 @@ __all__ = ["command"]
 @click.argument("robot")
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=click.Path(path_type=Path))
 @rows_options
+@friction_options
 @elastic_options
 @friction_option
 @processing_options
@@ -57,7 +70,7 @@ def command(
     robot: str,
     logs: tuple[Path, ...],
     rows: str,
-    estimator: str,
+    estimator: str | None,
     method: str | None,
     friction: str | None,
     cutoff: float | None,
@@ -67,13 +80,16 @@ def command(
     settings: tuple[str, ...],
     output: Path | None,
     force: bool,
-    **elastic: float | None,
+    **further: float | None,
 ) -> Answer:
     """Identify a robot's base parameters and friction from one log or several.
 
     Columns, units, filter and decimation are those of the robot file; options override them.
-    Parameters that the logs cannot tell are refused by name, with the reason.
+    Parameters that the logs cannot tell are refused by name, with the reason. With --rows friction a
+    law of friction is found for every joint that moves: which one, and its parameters.
     """
+    of_law, elastic = split_friction_options(further)
+    check_friction_options(rows, of_law, {"method": method, **elastic}, estimator)
     pairs = split_settings(
         settings,
         filter_cutoff=cutoff,
@@ -85,29 +101,49 @@ def command(
     check_output(output, force=force, inputs=(described.path, *logs))
     check_distinct(logs)
     recordings = read_logs(logs, described)
+    if rows == "friction":
+        answer = answer_friction(
+            console, described, recordings, estimator=estimator, options=of_law, output=output
+        )
+        return replace(answer, warnings=(*_list_warnings(described, recordings), *answer.warnings))
     route = choose_route(described, recordings, method=method, elastic=elastic, rigid=_list_given())
     if route.kind in {"stiffness", "elastic"}:
-        check_settings(pairs, route.kind)
-        recordings = cut_logs(recordings, described.processing)
+        return _answer_springs(
+            console, described, recordings, route, pairs=pairs, elastic=elastic, output=output
+        )
+    return _answer_rigid(
+        console,
+        described,
+        recordings,
+        logs,
+        rows=rows,
+        estimator=estimator or "ols",
+        output=output,
+        motor_side=route.kind == "motor-side",
+        warnings=_list_warnings(described, recordings),
+    )
+
+
+def _answer_springs(
+    console: Console,
+    described: "Robot",
+    recordings: Sequence["Recording"],
+    route: Route,
+    *,
+    pairs: Sequence[tuple[str, str]],
+    elastic: Mapping[str, object],
+    output: Path | None,
+) -> Answer:
+    """Return what the logs say of springs: stiffness alone, or all of an elastic robot."""
+    check_settings(pairs, route.kind)
+    recordings = cut_logs(recordings, described.processing)
     warnings = _list_warnings(described, recordings)
     if route.kind == "stiffness":
         answer = answer_stiffness(console, described, recordings, output)
-    elif route.kind == "elastic":
+    else:
         given = {**elastic, "cutoff": find_asked_cutoff(described, pairs)}
         answer = answer_elastic(
             console, described, recordings, method=route.method, options=given, output=output
-        )
-    else:
-        return _answer_rigid(
-            console,
-            described,
-            recordings,
-            logs,
-            rows=rows,
-            estimator=estimator,
-            output=output,
-            motor_side=route.kind == "motor-side",
-            warnings=warnings,
         )
     told = list_unused_settings(described, route.kind)
     return replace(answer, warnings=(*told, *warnings, *answer.warnings))

@@ -114,17 +114,16 @@ def rows_options(function: Callable[P, R]) -> Callable[P, R]:
     options = (
         click.option(
             "--rows",
-            type=click.Choice(("torque", "momentum", "energy")),
+            type=click.Choice(("torque", "momentum", "energy", "friction")),
             default="torque",
             show_default=True,
-            help="How measurements become equations.",
+            help="How measurements become equations; friction: a law of friction for every joint that moves.",
         ),
         click.option(
             "--estimator",
-            type=click.Choice(("ols", "wls")),
-            default="ols",
-            show_default=True,
-            help="How equations become parameters.",
+            metavar="NAME",
+            help="How equations become parameters: ols or wls; of --rows friction varpro, root-finding, nlp, "
+            "genetic, annealing or differential-evolution.  [default: ols, varpro]",
         ),
     )
     for option in options:

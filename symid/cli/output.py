@@ -34,6 +34,7 @@ _NOTES = frozenset(
         "log.aligned",
         "log.converted",
         "log.cut",
+        "log.folded",
         "log.in-line",
         "log.motor-position",
         "new.gravity",

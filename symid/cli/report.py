@@ -76,7 +76,8 @@ def command(
 ) -> Answer:
     """Write one self-contained HTML page: verdict, parameters, measured and predicted torques.
 
-    For elastic joints also springs, hysteresis loops, and the methods that were compared.
+    For elastic joints also springs, hysteresis loops, and the methods that were compared; for friction
+    its curves, and the laws that were compared.
     """
     pairs = split_settings(settings)
     given = [name for name, value in (("--robot", robot), ("--set", settings)) if value]
@@ -88,9 +89,27 @@ def command(
         raise UsageError(Notice(code="usage.no-validation", text=text))
     check_output(output, force=force, inputs=(estimate, *logs))
     from symid.elastic.storage import is_elastic_estimate
+    from symid.friction.results import is_friction_result
 
+    if is_friction_result(estimate):
+        return _report_friction(estimate, logs, output)
     answer = _report_elastic if is_elastic_estimate(estimate) else _report_rigid
     return answer(console, _Call(estimate=estimate, logs=logs, robot=robot, pairs=pairs, output=output))
+
+
+def _report_friction(estimate: Path, logs: tuple[Path, ...], output: Path) -> Answer:
+    """Friction of a robot -> page."""
+    from symid.friction.results import read_friction_result
+    from symid.report.friction import write_friction_report
+
+    if logs:
+        text = (
+            "--validation cannot be used with friction: what tests a law is held back when it is chosen "
+            "(`symid identify --rows friction --model auto`); leave it out"
+        )
+        raise UsageError(Notice(code="usage.friction-validation", text=text))
+    found = read_friction_result(estimate)
+    return _answer(found.robot, write_friction_report(output, found), [], ())
 
 
 def _report_rigid(console: Console, call: _Call) -> Answer:

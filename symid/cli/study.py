@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from symid.cli.inputs import load_robot, load_robot_library
-from symid.cli.options import seed_option, verb
+from symid.cli.friction_study import FRICTION_SEED, study_friction_tables
+from symid.cli.inputs import check_output, load_robot, load_robot_library
+from symid.cli.options import DEFAULT_SEED, force_option, output_option, verb
 from symid.cli.output import Answer, Console, format_table
+from symid.errors import Notice, UsageError
 
 if TYPE_CHECKING:  # these load numpy
     from symid.study.elastic_study import Cell, DatasetStudy, ElasticStudy
@@ -20,31 +22,54 @@ __all__ = ["command"]
 
 _ROBOTS = {"elastic": "two_link_elastic", "tracking": "two_link_elastic", "six-joints": "puma560_elastic"}
 _SEEDS = {"elastic": 100, "tracking": 20, "six-joints": 1}
+_FRICTION = "friction-tables"
 
 
 @click.command("study")
-@click.argument("name", type=click.Choice(tuple(_ROBOTS)))
+@click.argument("name", type=click.Choice((*_ROBOTS, _FRICTION)))
 @click.option("--robot", metavar="ROBOT", help="Another robot with elastic joints and all values stated.")
 @click.option(
     "--seeds",
     type=click.IntRange(min=1),
     metavar="N",
-    help="How many, from --seed on.  [default: 100; 20; 1]",
+    help="How many, from --seed on.  [default: 100; 20; 1; 1000]",
 )
-@seed_option
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    metavar="N",
+    help=f"Of all random numbers.  [default: {DEFAULT_SEED}; friction-tables: {FRICTION_SEED}]",
+)
 @click.option("--jobs", type=click.IntRange(min=1), metavar="N", help="Processes; one a core by default.")
+@output_option("Of friction-tables: a page with its tables and figures.")
+@force_option
 @verb
 def command(
-    console: Console, *, name: str, robot: str | None, seeds: int | None, seed: int, jobs: int | None
+    console: Console,
+    *,
+    name: str,
+    robot: str | None,
+    seeds: int | None,
+    seed: int | None,
+    jobs: int | None,
+    output: Path | None,
+    force: bool,
 ) -> Answer:
     """Compare methods on simulated robots whose truth is known.
 
     elastic: errors of every method on four sets of logs, clean and noisy. tracking: how well
     links follow when the controller knows the identified model, another one, or none.
     six-joints: dynamics of an elastic six-axis arm, judged on a held-out motion.
+    friction-tables: the tables of Zhang, Hu and Zou (2021) on joint friction, theirs and ours side by side.
     """
+    _refuse_options(name, robot, output)
+    if name == _FRICTION:
+        # Minutes before it is written: a page that cannot be is refused now.
+        check_output(output, force=force)
+        return study_friction_tables(console, seeds=seeds, seed=seed, jobs=jobs, output=output)
     described = load_robot(robot or _ROBOTS[name])
-    numbers = range(seed, seed + (seeds or _SEEDS[name]))
+    first = DEFAULT_SEED if seed is None else seed
+    numbers = range(first, first + (seeds or _SEEDS[name]))
 
     def progress(done: int, whole: int) -> None:
         console.progress(f"{done} of {whole}")
@@ -77,6 +102,16 @@ def command(
         result={"runs": [_describe_many(result) for result in results]},
         warnings=warnings,
     )
+
+
+def _refuse_options(name: str, robot: str | None, output: Path | None) -> None:
+    """Raise where an option was given that the study does not read."""
+    if name == _FRICTION and robot is not None:
+        text = f"--robot {robot}: {_FRICTION} has joints of its own, those of the paper; leave it out"
+        raise UsageError(Notice(code="usage.study-option", text=text))
+    if name != _FRICTION and output is not None:
+        text = f"-o {output}: only {_FRICTION} writes a page; for the results of {name} use --json"
+        raise UsageError(Notice(code="usage.study-option", text=text))
 
 
 def _describe_elastic(study: "ElasticStudy", numbers: range) -> dict[str, object]:

@@ -228,6 +228,7 @@ class MakefileContext:
 
     banner: str
     prefix: str
+    headers: str
     objects: str
     example_target: str
 
@@ -238,6 +239,7 @@ class CMakeContext:
 
     banner: str
     prefix: str
+    headers: str
     cmake_version: str
     sources: tuple[str, ...]
     programs: tuple[str, ...]

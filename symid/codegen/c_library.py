@@ -23,38 +23,23 @@ from symid.codegen.c_contexts import (
     PackageContext,
     ReadmeContext,
 )
+from symid.codegen.c_helpers import write_helper
 from symid.codegen.c_loops import write_control_loop
 from symid.codegen.c_state import write_state_header, write_state_source
 from symid.codegen.casadi_functions import Functions
 from symid.codegen.describe import BANNER, Material, prepare_material, write_manifest, write_operations
+from symid.codegen.friction_c import generate_friction_laws
 from symid.codegen.functions import FunctionSpec, Port
 from symid.codegen.instructions import Operations, Program
 from symid.codegen.options import GenerateOptions
 from symid.codegen.printing import print_c
 from symid.codegen.templates import write_template
 from symid.codegen.writer import SourceSet, find_digest
+from symid.joint.friction_laws import FRICTION_LAWS
 
 __all__ = ["TOLERANCES", "generate_c_library"]
 
 TOLERANCES = {"double": "1e-10", "float": "1e-4"}
-
-# Comparisons with NaN are false: each helper lets a NaN through by its last branch.
-_HELPERS = {
-    "sign": "static {real} sign({real} x)\n"
-    "{{\n    return x > {zero} ? {one} : (x < {zero} ? -{one} : x);\n}}",
-    "less": "static {real} less({real} a, {real} b)\n"
-    "{{\n    return a < b ? {one} : (a >= b ? {zero} : a + b);\n}}",
-    "less_equal": "static {real} less_equal({real} a, {real} b)\n"
-    "{{\n    return a <= b ? {one} : (a > b ? {zero} : a + b);\n}}",
-    "is_zero": "static {real} is_zero({real} x)\n"
-    "{{\n    return x > {zero} || x < {zero} ? {zero} : (x == {zero} ? {one} : x);\n}}",
-    "maximum": "static {real} maximum({real} a, {real} b)\n"
-    "{{\n    return a > b ? a : (a <= b ? b : a + b);\n}}",
-    "minimum": "static {real} minimum({real} a, {real} b)\n"
-    "{{\n    return a < b ? a : (a >= b ? b : a + b);\n}}",
-    "select": "static {real} select({real} condition, {real} x)\n"
-    "{{\n    return condition > {zero} || condition < {zero} ? x : condition;\n}}",
-}
 
 
 def _find_macro(material: Material) -> str:
@@ -123,17 +108,12 @@ def _write_header(material: Material) -> str:
     return write_template("c/header.h.jinja", context)
 
 
-def _write_helper(name: str, real: str) -> str:
-    suffix = "f" if real == "float" else ""
-    return _HELPERS[name].format(real=real, zero=f"0.0{suffix}", one=f"1.0{suffix}")
-
-
 def _write_function(material: Material, program: Program) -> str:
     real, spec = material.options.precision, program.spec
     body = print_c(program, real)
     ports = (*spec.inputs, *spec.outputs)
-    helpers = tuple(_write_helper(name, real) for name in body.helpers)
-    uses_math = re.search(r"\b(sin|cos|tan|sqrt|exp|tanh|fabs)f?\(", "\n".join(body.statements))
+    helpers = tuple(write_helper(name, real) for name in body.helpers)
+    uses_math = re.search(r"\b(sin|cos|tan|sqrt|exp|tanh|pow|fabs)f?\(", "\n".join(body.statements))
     context = FunctionContext(
         banner=BANNER,
         prefix=material.prefix,
@@ -155,6 +135,8 @@ def _write_sources(material: Material) -> list[tuple[str, str]]:
     written = ((program.spec.name, _write_function(material, program)) for program in material.programs)
     functions = [(f"{prefix}_{name}.c", text) for name, text in written]
     functions += write_state_source(material)
+    laws = _write_friction_laws(material)
+    functions += [(path, text) for path, text in laws if path.endswith(".c")]
     header = (f"{prefix}.h", _write_header(material))
     info = InfoContext(
         banner=BANNER,
@@ -169,13 +151,23 @@ def _write_sources(material: Material) -> list[tuple[str, str]]:
         ),
     )
     # In the order in which an update moves them in: a folder that holds a new function holds the new digest.
-    return [header, (f"{prefix}_info.c", write_template("c/info.c.jinja", info)), *functions]
+    headers = [(path, text) for path, text in laws if path.endswith(".h")]
+    return [header, *headers, (f"{prefix}_info.c", write_template("c/info.c.jinja", info)), *functions]
+
+
+def _write_friction_laws(material: Material) -> tuple[tuple[str, str], ...]:
+    if not material.options.friction_laws:
+        return ()
+    laws = tuple(FRICTION_LAWS.values())
+    return generate_friction_laws(laws, prefix=material.prefix, precision=material.options.precision)
 
 
 def _write_build_files(
-    material: Material, sources: tuple[str, ...], programs: tuple[str, ...]
+    material: Material, written: tuple[str, ...], programs: tuple[str, ...]
 ) -> list[tuple[str, str]]:
     prefix = material.prefix
+    sources = tuple(path for path in written if path.endswith(".c"))
+    headers = " ".join(path for path in written if path.endswith(".h"))
     # CMake knows numbers alone: 1.2.3.dev4 is 1.2.3.
     numbers = re.match(r"\d+(\.\d+)*", __version__)
     version = numbers.group() if numbers else "0"
@@ -183,10 +175,16 @@ def _write_build_files(
         banner=BANNER,
         prefix=prefix,
         objects=" ".join(source.removesuffix(".c") + ".o" for source in sources),
+        headers=headers,
         example_target="".join(f" {program}" for program in programs[1:]),
     )
     cmake = CMakeContext(
-        banner=BANNER, prefix=prefix, cmake_version=version, sources=sources, programs=programs
+        banner=BANNER,
+        prefix=prefix,
+        cmake_version=version,
+        headers=headers,
+        sources=sources,
+        programs=programs,
     )
     package = PackageContext(prefix=prefix, robot=material.robot, cmake_version=version)
     return [
@@ -225,7 +223,7 @@ def generate_c_library(functions: Functions, options: GenerateOptions | None = N
     example = write_control_loop(material)
     if example is not None:
         programs.append(("control_loop", example))
-    names = tuple(path for path, _ in sources if path.endswith(".c"))
+    names = tuple(path for path, _ in sources)
     files = [
         *sources,
         *((f"{name}.c", text) for name, text in programs),

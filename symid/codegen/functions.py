@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from symid.provenance import find_signature
-from symid.robot.description import Robot
+from symid.robot.description import Coupling, Joint, Robot
 from symid.robot.elasticity import Elasticity, Knee, Stop
 
 __all__ = [
@@ -222,4 +222,14 @@ def find_model_signature(robot: Robot, parameters: Sequence[tuple[str, str]]) ->
     couplings = tuple(
         (entry.name, entry.terms, entry.has_rotor, entry.friction.kind) for entry in robot.couplings
     )
-    return find_signature(robot.name, joints, couplings, robot.gravity, robot.symbols, tuple(parameters))
+    # Only where there are any, so that models without them keep the signature of old estimates.
+    owners: tuple[Joint | Coupling, ...] = (*robot.joints, *robot.couplings)
+    curved = tuple(
+        (owner.name, owner.friction.shape, owner.friction.smoothing)
+        for owner in owners
+        if owner.friction.shape
+    )
+    shapes = (curved,) if curved else ()
+    return find_signature(
+        robot.name, joints, couplings, robot.gravity, robot.symbols, tuple(parameters), *shapes
+    )

@@ -41,6 +41,7 @@ class Op(Enum):
     SQRT = "sqrt"
     EXP = "exp"
     TANH = "tanh"
+    POWER = "power"
     ABS = "abs"
     SIGN = "sign"
     LESS = "less"
@@ -53,7 +54,7 @@ class Op(Enum):
 
 PRODUCTS = frozenset({Op.MUL, Op.DIV})
 SUMS = frozenset({Op.ADD, Op.SUB})
-ELEMENTARY = frozenset({Op.SIN, Op.COS, Op.TAN, Op.SQRT, Op.EXP, Op.TANH})
+ELEMENTARY = frozenset({Op.SIN, Op.COS, Op.TAN, Op.SQRT, Op.EXP, Op.TANH, Op.POWER})
 
 
 @dataclass(frozen=True, slots=True)

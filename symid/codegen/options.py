@@ -17,6 +17,7 @@ class GenerateOptions:
         precision: "double" or "float", the type of every number in the C library.
         states: how many random states the self-test evaluates.
         seed: of the generator that draws them.
+        friction_laws: whether the C library holds all static friction laws besides.
 
     Raises:
         UsageError: a value that is not offered.
@@ -25,6 +26,7 @@ class GenerateOptions:
     precision: str = "double"
     states: int = 3
     seed: int = 1
+    friction_laws: bool = False
 
     def __post_init__(self) -> None:
         """Check the values."""

@@ -28,6 +28,7 @@ _C_FUNCTIONS = {
     Op.SQRT: "sqrt",
     Op.EXP: "exp",
     Op.TANH: "tanh",
+    Op.POWER: "pow",
     Op.ABS: "fabs",
 }
 

@@ -50,6 +50,7 @@ _RULES: dict[Op, Callable[..., Any]] = {
     Op.SQRT: mpmath.sqrt,
     Op.EXP: mpmath.exp,
     Op.TANH: mpmath.tanh,
+    Op.POWER: mpmath.power,
     Op.ABS: abs,
     Op.SIGN: mpmath.sign,
     Op.LESS: lambda a, b: mpmath.mpf(int(a < b)),

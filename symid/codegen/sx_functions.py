@@ -28,6 +28,7 @@ _RULES: Mapping[Op, Callable[..., ca.SX]] = {
     Op.SQRT: ca.sqrt,
     Op.EXP: ca.exp,
     Op.TANH: ca.tanh,
+    Op.POWER: ca.power,
     Op.ABS: ca.fabs,
     Op.SIGN: ca.sign,
     Op.LESS: lambda a, b: a < b,

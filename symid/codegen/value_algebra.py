@@ -85,6 +85,22 @@ class ValueAlgebra:
         """Return the hyperbolic tangent."""
         return self.table.apply(Op.TANH, value)
 
+    def exp(self, value: int) -> int:
+        """Return the exponential."""
+        return self.table.apply(Op.EXP, value)
+
+    def sin(self, value: int) -> int:
+        """Return the sine."""
+        return self.table.apply(Op.SIN, value)
+
+    def cos(self, value: int) -> int:
+        """Return the cosine."""
+        return self.table.apply(Op.COS, value)
+
+    def power(self, base: int, exponent: int) -> int:
+        """Return base^exponent for base >= 0, exponent > 0."""
+        return self.table.apply(Op.POWER, base, exponent)
+
     def absolute(self, value: int) -> int:
         """Return |value|."""
         return self.table.apply(Op.ABS, value)

@@ -22,10 +22,10 @@ import numpy as np
 
 from symid.arrays import FloatArray, freeze
 from symid.elastic.fit import ElasticOutcome
-from symid.elastic.nlp_callbacks import build_callbacks
 from symid.elastic.nlp_cost import CostState, NlpCost
 from symid.elastic.nlp_options import NlpOptions
 from symid.elastic.nlp_status import LINEAR_SOLVER, find_outcome
+from symid.identification.ipopt_functions import build_ipopt_functions
 
 __all__ = ["ActiveBound", "Certificate", "NlpRun", "find_certificate", "find_scales", "optimise_nlp"]
 
@@ -242,15 +242,15 @@ def _run_ipopt(
     import casadi
 
     layout = evaluator.cost.layout
-    functions = build_callbacks(
+    functions = build_ipopt_functions(
         layout.size, evaluator.find_value, evaluator.find_gradient, evaluator.find_hessian
     )
     unknowns = casadi.MX.sym("x", layout.size)
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "ipopt.txt"
         settings = {
-            "grad_f": functions["gradient"],
-            "hess_lag": functions["hessian"],
+            "grad_f": functions.gradient,
+            "hess_lag": functions.hessian,
             "no_nlp_grad": True,
             "print_time": False,
             "error_on_fail": False,
@@ -267,7 +267,7 @@ def _run_ipopt(
                 "mu_strategy": "adaptive",
             },
         }
-        problem = {"x": unknowns, "f": functions["value"](unknowns)}
+        problem = {"x": unknowns, "f": functions.value(unknowns)}
         solver = casadi.nlpsol("hysteresis", "ipopt", problem, settings)
         scales = evaluator.scales
         answer = solver(x0=begin, lbx=layout.lower / scales, ubx=layout.upper / scales)

@@ -2,58 +2,144 @@
 
 Input: the table around it. Output: `FrictionValues`.
 
-Supported: the models of `FrictionKind`; all values of a model, or none where they are unknown; a speed over
-which dry friction changes its sign.
+Supported: the models of `FrictionKind` and `CurvedFriction`; all values of a model, or none where they are
+unknown; shape values, which must be known; a speed over which dry friction changes its sign.
 """
 
-from symid.formats.section import POSITIVE, Section, read_choice, read_number, read_table
-from symid.robot.description import FrictionKind, FrictionValues
+from dataclasses import dataclass
 
-__all__ = ["FRICTION_PARAMETERS", "find_friction_unit", "read_friction"]
+from symid.formats.section import POSITIVE, Range, Section, read_choice, read_number, read_table
+from symid.robot.description import CurvedFriction, FrictionKind, FrictionValues
 
-FRICTION_PARAMETERS: dict[FrictionKind, tuple[str, ...]] = {
+__all__ = ["FRICTION_PARAMETERS", "FRICTION_SHAPES", "ShapeKey", "find_friction_unit", "read_friction"]
+
+Kind = FrictionKind | CurvedFriction
+
+FRICTION_PARAMETERS: dict[Kind, tuple[str, ...]] = {
     FrictionKind.NONE: (),
     FrictionKind.VISCOUS_COULOMB: ("Fv", "Fc"),
     FrictionKind.VISCOUS_COULOMB_OFFSET: ("Fv", "Fc", "offset"),
     FrictionKind.ASYMMETRIC: ("Fvp", "Fcp", "Fvn", "Fcn"),
+    CurvedFriction.STRIBECK: ("Fv", "Fc", "Fe"),
+    CurvedFriction.STRIBECK_OFFSET: ("Fv", "Fc", "Fe", "offset"),
+    CurvedFriction.IMPROVED_STRIBECK: ("Fv", "Fc", "Fe", "Fp"),
+    CurvedFriction.ASYMMETRIC_STRIBECK: ("Fvp", "Fcp", "Fvn", "Fcn", "Fe"),
+    CurvedFriction.CUBIC: ("Fv", "Fc", "Fvq", "Fvc"),
+    CurvedFriction.STRIBECK_CUBIC: ("Fv", "Fc", "Fe", "Fvq", "Fvc"),
+    CurvedFriction.POWER_LAW: ("Fc", "Fd"),
+    CurvedFriction.MAKKAR: ("Fm", "Fc", "Fv"),
 }
 """The parameters of each friction model, in the order of its values."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ShapeKey:
+    """A shape value: its key, what kind of number it is, its range, the value where the file is silent."""
+
+    name: str
+    unit: str
+    unit_prismatic: str
+    allowed: Range = POSITIVE
+    default: float | None = None
+
+
+_VS = ShapeKey(name="vs", unit="rad/s", unit_prismatic="m/s")
+_EDGE = ShapeKey(name="dq0", unit="rad/s", unit_prismatic="m/s")
+_GAMMA = ShapeKey(
+    name="gamma", unit="", unit_prismatic="", allowed=Range(low=0, high=10, open_low=True), default=2.0
+)
+_DELTA = ShapeKey(name="delta", unit="", unit_prismatic="", allowed=Range(low=0, high=10, open_low=True))
+_SLOPES = tuple(ShapeKey(name=name, unit="s/rad", unit_prismatic="s/m") for name in ("g2", "g3", "g5"))
+
+FRICTION_SHAPES: dict[Kind, tuple[ShapeKey, ...]] = {
+    CurvedFriction.STRIBECK: (_VS, _GAMMA),
+    CurvedFriction.STRIBECK_OFFSET: (_VS, _GAMMA),
+    CurvedFriction.IMPROVED_STRIBECK: (_VS, _EDGE, _GAMMA),
+    CurvedFriction.ASYMMETRIC_STRIBECK: (_VS, _GAMMA),
+    CurvedFriction.STRIBECK_CUBIC: (_VS, _GAMMA),
+    CurvedFriction.POWER_LAW: (_DELTA,),
+    CurvedFriction.MAKKAR: _SLOPES,
+}
+"""The shape values of each curved model that has any, in their order."""
+
+_WITHOUT_STEP: dict[Kind, str] = {
+    FrictionKind.NONE: "dry friction",
+    CurvedFriction.IMPROVED_STRIBECK: "step at standstill",
+    CurvedFriction.MAKKAR: "step at standstill",
+}
+# Of either sign; what is negative here need not push.
+_SIGNED = ("offset", "Fp", "Fe", "Fvq", "Fvc")
 
 
 def read_friction(section: Section, *, prismatic: bool) -> FrictionValues:
     """Return the friction of a joint's or coupling's table; none where it states none."""
     names = sorted({name for group in FRICTION_PARAMETERS.values() for name in group})
-    table = read_table(section, "friction", ("model", *names, "smoothing"))
+    shapes = {key.name: key for keys in FRICTION_SHAPES.values() for key in keys}
+    table = read_table(section, "friction", ("model", *names, *shapes, "smoothing"))
     if table is None:
         return FrictionValues()
     if "model" not in table.values:
         table.refuse_key("robot.missing-key", "model", 'missing; write model = "viscous_coulomb"')
-    model = read_choice(table, "model", [kind.value for kind in FrictionKind])
+    kinds = {kind.value: kind for kind in FRICTION_PARAMETERS}
+    model = read_choice(table, "model", kinds)
     smoothing = read_number(table, "smoothing", "m/s" if prismatic else "rad/s", POSITIVE)
     if model is None:
         for name in names:
             read_number(table, name, find_friction_unit(name, prismatic=prismatic))
+        for key in shapes.values():
+            _read_shape_value(table, key, prismatic=prismatic)
         return FrictionValues()
-    kind = FrictionKind(model)
-    if kind is FrictionKind.NONE and "smoothing" in table.values:
-        text = 'has nothing to smooth: the model "none" has no dry friction; leave it out'
+    kind = kinds[model]
+    if kind in _WITHOUT_STEP and "smoothing" in table.values:
+        text = f'has nothing to smooth: the model "{model}" has no {_WITHOUT_STEP[kind]}; leave it out'
         table.refuse_key("robot.friction-values", "smoothing", text)
     _check_names(table, kind, names)
-    wanted = FRICTION_PARAMETERS[kind]
-    given = [read_number(table, name, find_friction_unit(name, prismatic=prismatic)) for name in wanted]
-    for name, value in zip(wanted, given, strict=True):
-        if name != "offset" and value is not None and value < 0:
-            text = f"{value} drives the joint instead of braking it; friction coefficients are positive"
-            table.warn("robot.negative-friction", name, text)
-    values = tuple(float(value) for value in given if value is not None)
     return FrictionValues(
         kind=kind,
-        values=values if values and len(values) == len(wanted) else None,
+        values=_read_values(table, kind, prismatic=prismatic),
         smoothing=float(smoothing or 0),
+        shape=_read_shape(table, kind, shapes, prismatic=prismatic),
     )
 
 
-def _check_names(table: Section, kind: FrictionKind, names: list[str]) -> None:
+def _read_values(table: Section, kind: Kind, *, prismatic: bool) -> tuple[float, ...] | None:
+    wanted = FRICTION_PARAMETERS[kind]
+    given = [read_number(table, name, find_friction_unit(name, prismatic=prismatic)) for name in wanted]
+    for name, value in zip(wanted, given, strict=True):
+        if name not in _SIGNED and value is not None and value < 0:
+            text = f"{value} drives the joint instead of braking it; friction coefficients are positive"
+            table.warn("robot.negative-friction", name, text)
+    values = tuple(float(value) for value in given if value is not None)
+    return values if values and len(values) == len(wanted) else None
+
+
+def _read_shape_value(table: Section, key: ShapeKey, *, prismatic: bool) -> float | None:
+    value = read_number(table, key.name, key.unit_prismatic if prismatic else key.unit, key.allowed)
+    return None if value is None else float(value)
+
+
+def _read_shape(
+    table: Section, kind: Kind, shapes: dict[str, ShapeKey], *, prismatic: bool
+) -> tuple[float, ...]:
+    """Return the shape values, all of them or none."""
+    wanted = FRICTION_SHAPES.get(kind, ())
+    for name in shapes:
+        if name in table.values and name not in {key.name for key in wanted}:
+            allowed = ", ".join(key.name for key in wanted) or "none"
+            text = f'not a shape value of the model "{kind.value}"; its shape values: {allowed}'
+            table.refuse_key("robot.friction-values", name, text)
+    found = []
+    for key in wanted:
+        if key.name not in table.values and key.default is None:
+            unit = key.unit_prismatic if prismatic else key.unit
+            text = f'missing; the model "{kind.value}" needs it as a number{f" in {unit}" if unit else ""}'
+            table.refuse_key("robot.missing-key", key.name, text)
+        value = _read_shape_value(table, key, prismatic=prismatic)
+        found.append(key.default if value is None else value)
+    return tuple(value for value in found if value is not None) if None not in found else ()
+
+
+def _check_names(table: Section, kind: Kind, names: list[str]) -> None:
     wanted = FRICTION_PARAMETERS[kind]
     for name in names:
         if name in table.values and name not in wanted:
@@ -70,6 +156,9 @@ def _check_names(table: Section, kind: FrictionKind, names: list[str]) -> None:
 
 def find_friction_unit(name: str, *, prismatic: bool) -> str:
     """Return the unit of a friction parameter as robot files write it."""
-    if name.startswith("Fv"):
-        return "N*s/m" if prismatic else "N*m*s/rad"
-    return "N" if prismatic else "N*m"
+    power = {"Fvq": 2, "Fvc": 3}.get(name, 1 if name.startswith("Fv") else 0)
+    force = "N" if prismatic else "N*m"
+    if not power:
+        return force
+    speed = "m" if prismatic else "rad"
+    return f"{force}*s/{speed}" if power == 1 else f"{force}*s^{power}/{speed}^{power}"

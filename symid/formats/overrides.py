@@ -14,10 +14,11 @@ from decimal import Decimal
 from typing import Any
 
 from symid.errors import Notice, RobotError, UsageError
+from symid.formats.joint_friction import FRICTION_PARAMETERS, FRICTION_SHAPES
 from symid.formats.positions import KeyPath, Place, Places
 from symid.formats.section import Report, Section, find_nearest
 from symid.formats.settings import list_log, list_processing, read_log, read_processing
-from symid.robot.description import FrictionKind, FrictionValues, Robot
+from symid.robot.description import FrictionValues, Robot
 from symid.units import find_unit_factor
 
 __all__ = ["override_robot"]
@@ -120,12 +121,20 @@ def _drop_stale_factor(values: dict[str, Any], path: tuple[str, ...], value: str
 
 
 def _replace_friction(robot: Robot, name: str) -> Robot:
-    kinds = {kind.value: kind for kind in FrictionKind}
+    kinds = {kind.value: kind for kind in FRICTION_PARAMETERS}
     if name not in kinds:
         hint = find_nearest(name, kinds) or f"allowed are {', '.join(kinds)}"
         text = f"there is no friction model '{name}'; {hint}"
         raise UsageError(Notice(code="usage.unknown-friction", text=text))
     kind = kinds[name]
+    lacking = [joint.name for joint in robot.axes if joint.friction.kind is not kind]
+    if kind in FRICTION_SHAPES and lacking:
+        shape = ", ".join(key.name for key in FRICTION_SHAPES[kind])
+        text = (
+            f"the friction model '{name}' needs {shape} of joint {lacking[0]!r}, which no option gives; "
+            "write it into the robot file"
+        )
+        raise UsageError(Notice(code="usage.friction-shape", text=text))
     joints = tuple(
         joint
         if joint.friction.kind is kind or joint.mimic is not None

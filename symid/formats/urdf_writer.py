@@ -82,7 +82,8 @@ def _list_omissions(robot: Robot) -> Iterator[str]:
     for joint in robot.joints:
         if joint.friction.kind not in {FrictionKind.NONE, FrictionKind.VISCOUS_COULOMB}:
             values = f", values {_numbers(joint.friction.values)}" if joint.friction.values else ""
-            yield f"joint {joint.name}: friction model {joint.friction.kind.value}{values}"
+            shape = f", shape {_numbers(joint.friction.shape)}" if joint.friction.shape else ""
+            yield f"joint {joint.name}: friction model {joint.friction.kind.value}{values}{shape}"
         if joint.friction.smoothing:
             yield f"joint {joint.name}: dry friction changes its sign over {joint.friction.smoothing}"
         if joint.spring is not None:

@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from symid.formats.joint_friction import FRICTION_PARAMETERS
+from symid.formats.joint_friction import FRICTION_PARAMETERS, FRICTION_SHAPES
 from symid.formats.settings import list_log, list_processing
 from symid.formats.written_elasticity import write_elasticity
 from symid.formats.written_hints import list_hints
@@ -234,6 +234,8 @@ def _write_friction(owner: str, friction: FrictionValues) -> Iterator[str]:
     if friction.values is not None:
         for name, value in zip(FRICTION_PARAMETERS[friction.kind], friction.values, strict=True):
             yield f"{name} = {write_number(value)}"
+    for key, value in zip(FRICTION_SHAPES.get(friction.kind, ()), friction.shape, strict=True):
+        yield f"{key.name} = {write_number(value)}"
     if friction.smoothing:
         yield f"smoothing = {write_number(friction.smoothing)}"
 

@@ -19,13 +19,13 @@ from symid.errors import EstimateError, Notice, OutputError
 from symid.identification.estimate import Estimate, Outcome, ParameterEstimate, Residual
 from symid.identification.rows import ROW_KINDS
 from symid.identification.validate import check_model
-from symid.robot.description import FrictionKind
+from symid.robot.description import CurvedFriction, FrictionKind
 
 __all__ = ["read_estimate", "write_estimate", "write_file"]
 
 _FORMAT = "symid estimate"
 _VERSION = 1
-_FRICTION = tuple(kind.value for kind in FrictionKind)
+_FRICTION = tuple(kind.value for kind in (*FrictionKind, *CurvedFriction))
 
 
 def write_estimate(estimate: Estimate, path: Path) -> Path:

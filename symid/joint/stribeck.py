@@ -21,9 +21,11 @@ from typing import Generic, Protocol, TypeVar
 
 __all__ = [
     "STRIBECK_PARAMETERS",
+    "FallAlgebra",
     "StribeckAlgebra",
     "StribeckCarrier",
     "StribeckParameter",
+    "find_gaussian_fall",
     "find_stribeck",
     "find_stribeck_rates",
     "find_stribeck_shape",
@@ -67,8 +69,8 @@ STRIBECK_PARAMETERS = (
 )
 
 
-class StribeckAlgebra(Protocol[V]):
-    """What the model uses of a carrier."""
+class FallAlgebra(Protocol[V]):
+    """What the fall of dry friction uses of a carrier."""
 
     def mul(self, left: V, right: V) -> V:
         """Return left * right."""
@@ -79,11 +81,15 @@ class StribeckAlgebra(Protocol[V]):
     def scale(self, factor: float, value: V) -> V:
         """Return factor * value."""
 
-    def add(self, left: V, right: V) -> V:
-        """Return left + right."""
-
     def exp(self, value: V) -> V:
         """Return the exponential."""
+
+
+class StribeckAlgebra(FallAlgebra[V], Protocol[V]):
+    """What the model uses of a carrier."""
+
+    def add(self, left: V, right: V) -> V:
+        """Return left + right."""
 
     def sign(self, value: V) -> V:
         """Return -1, 0 or 1."""
@@ -124,6 +130,12 @@ class StribeckCarrier(Generic[V]):
         return result
 
 
+def find_gaussian_fall(algebra: FallAlgebra[V], velocity: V, speed: V) -> V:
+    """Return exp(-(v / vs)^2), speed vs > 0."""
+    ratio = algebra.div(velocity, speed)
+    return algebra.exp(algebra.scale(-1.0, algebra.mul(ratio, ratio)))
+
+
 def find_stribeck_shape(algebra: StribeckAlgebra[V], velocity: V, speed: V, smoothing: float = 0.0) -> V:
     """Return g(v), the friction for Fs = 1.
 
@@ -133,8 +145,7 @@ def find_stribeck_shape(algebra: StribeckAlgebra[V], velocity: V, speed: V, smoo
         speed: vs > 0, rad/s or m/s.
         smoothing: v0 in rad/s or m/s; 0 for the plain sign.
     """
-    ratio = algebra.div(velocity, speed)
-    fall = algebra.exp(algebra.scale(-1.0, algebra.mul(ratio, ratio)))
+    fall = find_gaussian_fall(algebra, velocity, speed)
     if smoothing > 0.0:
         return algebra.mul(fall, algebra.tanh(algebra.scale(1.0 / smoothing, velocity)))
     return algebra.mul(fall, algebra.sign(velocity))

@@ -27,6 +27,7 @@ from symid.robot.log_map import LogMap, Processing
 
 __all__ = [
     "Coupling",
+    "CurvedFriction",
     "Drive",
     "FrictionKind",
     "FrictionValues",
@@ -59,17 +60,36 @@ class FrictionKind(Enum):
     ASYMMETRIC = "asymmetric"
 
 
+class CurvedFriction(Enum):
+    """Joint friction whose dependence on the speed has a shape of its own; the value names it in files.
+
+    The torque is linear in the parameters; the shape values (as the Stribeck velocity) are constants of the
+    robot, as its lengths are.
+    """
+
+    STRIBECK = "stribeck"
+    STRIBECK_OFFSET = "stribeck_offset"
+    IMPROVED_STRIBECK = "improved_stribeck"
+    ASYMMETRIC_STRIBECK = "asymmetric_stribeck"
+    CUBIC = "cubic"
+    STRIBECK_CUBIC = "stribeck_cubic"
+    POWER_LAW = "power_law"
+    MAKKAR = "makkar"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionValues:
     """The friction model of a joint and, where known, its values in the model's own order.
 
+    `shape` holds the shape values of curved friction, all of them, in the model's own order.
     `smoothing` is the speed v0 (rad/s or m/s) over which dry friction changes its sign: tanh(v / v0) stands
     in place of sign(v). 0 is the step itself.
     """
 
-    kind: FrictionKind = FrictionKind.NONE
+    kind: FrictionKind | CurvedFriction = FrictionKind.NONE
     values: tuple[float, ...] | None = None
     smoothing: float = 0.0
+    shape: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,27 +1,38 @@
-"""Joint friction as a plant sees it: a straight line per direction of motion, a band at standstill.
+"""Joint friction as a plant sees it: a line per direction of motion, straight or curved; a band at rest.
 
 Input: a library, which knows how friction parameters act on coordinates, and the values of its card.
 Output: `FrictionLines`.
 
     dq > 0: tau_f = viscous_p dq + level_p;  dq < 0: tau_f = viscous_n dq + level_n
     dq = 0: any tau_f within [level_n, level_p] that holds the joint
+    curved: tau_f(dq) itself; level_p, level_n are its limits at standstill, viscous is zero
 
-Supported: none, viscous and Coulomb, with offset, asymmetric, of joints and of those that follow them.
-Not supported: Stribeck, pre-sliding, friction of a drive that turns with several coordinates.
+While a step looks for the instant at which a joint stops, a curve is continued beyond standstill by its own
+mirror image about (0, level), so that the step is as smooth as on one side. A curved law that is continuous
+at standstill (smoothed, Makkar, the improved one) has an empty band: such a joint creeps, and never sticks.
+
+Supported: all models of robot files, of joints and of those that follow them.
+Not supported: pre-sliding, friction of a drive that turns with several coordinates.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, freeze
 from symid.codegen.functions import ModelCard, ParameterCard
 from symid.codegen.library import Library
 from symid.errors import Notice, UsageError
+from symid.joint.friction import FRICTION_MODELS
 
 __all__ = ["FrictionLines", "find_friction_lines", "find_values"]
 
 _SPEEDS = (1.0, 2.0, -1.0, -2.0)
+_STANDSTILL = 1e-300
+"""A speed at which every law has its limit at standstill, powers of the speed included."""
+_PROBES = (_STANDSTILL, 1e-4, 1e-2, 1.0)
 _ROUNDING = 1e-12
 """Torques below this share of the largest are what rounding leaves of zero."""
 
@@ -32,15 +43,30 @@ class FrictionLines:
 
     Args:
         viscous: (3, n) N m s/rad or N s/m. level: (3, n) N m or N; the first row of both is zero.
+        curved: (n,) which coordinates have a curve.
+        curve: friction (n,) at velocities (n,); None where no coordinate is curved.
     """
 
     viscous: FloatArray
     level: FloatArray
+    curved: NDArray[np.bool_]
+    curve: Callable[[FloatArray], FloatArray] | None = None
 
     def __post_init__(self) -> None:
         """Copy the arrays and make them read-only."""
         for name in ("viscous", "level"):
             object.__setattr__(self, name, freeze(getattr(self, name)))
+
+    def find_drag(self, modes: Sequence[int], dq: FloatArray) -> FloatArray:
+        """Return what sliding adds to the level of each mode, (n,) N m or N; zero at standstill."""
+        rows, columns = np.array(modes), np.arange(len(modes))
+        drag: FloatArray = self.viscous[rows, columns] * dq
+        if self.curve is None:
+            return drag
+        ahead = self.curve(rows * np.abs(dq)) - self.level[rows, columns]
+        side = np.where(rows * dq >= 0.0, 1.0, -1.0)
+        moving = self.curved & (rows != 0) & (dq != 0.0)
+        return np.where(moving, side * ahead, drag)
 
 
 def find_values(parameters: tuple[ParameterCard, ...], robot: str) -> FloatArray:
@@ -59,15 +85,15 @@ def find_values(parameters: tuple[ParameterCard, ...], robot: str) -> FloatArray
     return np.array([parameter.value for parameter in parameters], dtype=np.float64)
 
 
-def _find_columns(library: Library, values: FloatArray) -> FloatArray:
-    """Return torque (n moved, 4 speeds, n felt, p) of each parameter, one coordinate moved at a time."""
+def _find_columns(library: Library, values: FloatArray, speeds: Sequence[float]) -> FloatArray:
+    """Return torque (n moved, speeds, n felt, p) of each parameter, one coordinate moved at a time."""
     size = library.card.size
-    dq = np.einsum("k,ij->ikj", np.array(_SPEEDS), np.eye(size)).reshape(-1, size)
+    dq = np.einsum("k,ij->ikj", np.array(speeds), np.eye(size)).reshape(-1, size)
     (columns,) = library.evaluate("friction_regressor", dq)
-    return columns.reshape(size, len(_SPEEDS), size, -1) * values
+    return columns.reshape(size, len(speeds), size, -1) * values
 
 
-def _find_shared(columns: FloatArray, rest: FloatArray) -> FloatArray:
+def _find_shared(columns: FloatArray, rest: FloatArray) -> NDArray[np.bool_]:
     """Return which parameters (p,) make friction at a coordinate that depends on the speed of another.
 
     Drives that turn with several joints each do; terms in proportion to the speed may cancel between them.
@@ -80,7 +106,7 @@ def _find_shared(columns: FloatArray, rest: FloatArray) -> FloatArray:
     others = ~np.eye(len(columns), dtype=bool)
     uncancelled = np.abs(linear.sum(axis=2)) * others > least
     felt = np.concatenate([linear[uncancelled], *(part[others] for part in steps)])
-    shared: FloatArray = np.any(np.abs(felt) > least, axis=0)
+    shared: NDArray[np.bool_] = np.any(np.abs(felt) > least, axis=0)
     return shared
 
 
@@ -90,7 +116,10 @@ def _check_own(card: ModelCard, columns: FloatArray, rest: FloatArray) -> None:
     Raises:
         UsageError: which parameters do that.
     """
-    shared = _find_shared(columns, rest)
+    _refuse_shared(card, _find_shared(columns, rest))
+
+
+def _refuse_shared(card: ModelCard, shared: NDArray[np.bool_]) -> None:
     names = [parameter.name for parameter, found in zip(card.friction, shared, strict=True) if found]
     if names:
         text = (
@@ -111,9 +140,9 @@ def find_friction_lines(library: Library) -> FrictionLines:
     card = library.card
     viscous, level = np.zeros((3, card.size)), np.zeros((3, card.size))
     if not card.friction:
-        return FrictionLines(viscous=viscous, level=level)
+        return FrictionLines(viscous=viscous, level=level, curved=np.zeros(card.size, dtype=bool))
     values = find_values(card.friction, card.robot)
-    columns = _find_columns(library, values)
+    columns = _find_columns(library, values, _SPEEDS)
     (rest,) = library.evaluate("friction_regressor", np.zeros((1, card.size)))
     _check_own(card, columns, rest[0] * values)
     own = np.arange(card.size)
@@ -122,8 +151,35 @@ def find_friction_lines(library: Library) -> FrictionLines:
     for row, near, far, step in ((1, 0, 1, 1.0), (2, 2, 3, -1.0)):
         viscous[row] = step * (at[:, far] - at[:, near]).sum(axis=1)
         level[row] = (2.0 * at[:, near] - at[:, far]).sum(axis=1)
+    curved = _find_curved(library)
+    if not curved.any():
+        _check_signs(card, viscous, level)
+        return FrictionLines(viscous=viscous, level=level, curved=curved)
+    start = _find_columns(library, values, (_STANDSTILL, -_STANDSTILL))
+    moved = np.any(start != rest[0] * values, axis=1)
+    _refuse_shared(card, np.any(moved[~np.eye(card.size, dtype=bool)], axis=0))
+    viscous[:, curved] = 0.0
+    for row, place in ((1, 0), (2, 1)):
+        level[row, curved] = start[own, place, own].sum(axis=1)[curved]
     _check_signs(card, viscous, level)
-    return FrictionLines(viscous=viscous, level=level)
+    friction = library.bind("friction")
+
+    def find_curve(dq: FloatArray) -> FloatArray:
+        return friction(dq, values)[0].copy()
+
+    return FrictionLines(viscous=viscous, level=level, curved=curved, curve=find_curve)
+
+
+def _find_curved(library: Library) -> NDArray[np.bool_]:
+    """Return which coordinates (n,) feel friction whose column is curved."""
+    card = library.card
+    names = tuple(name for model in FRICTION_MODELS.values() for name in model.own if name != "Fc")
+    bent = [bool(names) and parameter.name.startswith(names) for parameter in card.friction]
+    if not any(bent):
+        return np.zeros(card.size, dtype=bool)
+    columns = _find_columns(library, np.array(bent, dtype=np.float64), _PROBES)
+    felt: NDArray[np.bool_] = np.any(columns != 0.0, axis=(0, 1, 3))
+    return felt
 
 
 def _check_signs(card: ModelCard, viscous: FloatArray, level: FloatArray) -> None:

@@ -110,12 +110,12 @@ class Plant:
         """Return the state after one Runge-Kutta step with the modes held."""
         rows = np.array(state.modes)
         columns = np.arange(self.size)
-        viscous, level = self._lines.viscous[rows, columns], self._lines.level[rows, columns]
+        level = self._lines.level[rows, columns]
         push = torque - level
         held = [joint for joint, mode in enumerate(state.modes) if mode == 0]
 
         def slope(q: FloatArray, dq: FloatArray) -> Derivative:
-            drag = viscous * dq
+            drag = self._lines.find_drag(state.modes, dq)
             return dq, self._accelerate(q, dq, push - drag, held), float(drag @ dq)
 
         q, dq = state.q, state.dq
@@ -161,7 +161,7 @@ class Plant:
         net = torque - self._bias(state.q, state.dq, self.beta)[0]
         for _ in range(4 * 3 ** len(resting)):
             rows = np.array(modes)
-            friction = self._lines.viscous[rows, columns] * state.dq + self._lines.level[rows, columns]
+            friction = self._lines.find_drag(modes, state.dq) + self._lines.level[rows, columns]
             held = [joint for joint, mode in enumerate(modes) if mode == 0]
             free = [joint for joint, mode in enumerate(modes) if mode != 0]
             acceleration = np.zeros(self.size)

@@ -15,6 +15,7 @@ from symid.dynamics.kinematics import build_recursion
 from symid.dynamics.lagrange import derive_energy
 from symid.dynamics.regressors import find_torque_columns
 from symid.joint.friction import FRICTION_MODELS
+from symid.joint.friction_law import build_numpy_carrier
 from symid.notation import INERTIAL
 from symid.parameters.base import find_base_parameters
 from symid.robot.description import FrictionKind
@@ -75,27 +76,17 @@ def test_count_equals_the_exact_rank_on_random_trees(robot):
     assert find_base_parameters(robot).count == find_energy_rank(robot)
 
 
-class Floats(FloatAlgebra):
-    """Floats with the sign function of friction."""
-
-    def sign(self, value):
-        return np.sign(value)
-
-    def absolute(self, value):
-        return np.abs(value)
-
-
 def find_sampled_rank(robot, seed):
     """Rank of the torques of all parameters, friction included, at random states: a numeric oracle."""
     base = find_base_parameters(robot)
     states = np.random.default_rng(seed).uniform(-2, 2, (3, robot.size, 80))
-    algebra = Floats()
+    algebra = FloatAlgebra()
     inertial = [label for label in base.labels if label[1] in (*INERTIAL, "IA")]
     columns = find_torque_columns(build_recursion(robot, algebra, build_float_state(*states)), inertial)
     for joint, name in base.labels:
         if (joint, name) not in columns:
             model = FRICTION_MODELS[robot.joints[joint].friction.kind]
-            column = model.columns(algebra, states[1, joint])[model.parameters.index(name)]
+            column = model.find_columns(build_numpy_carrier(), states[1, joint])[model.parameters.index(name)]
             columns[joint, name] = [column if k == joint else 0.0 for k in range(robot.size)]
     stacked = [np.concatenate([np.broadcast_to(e, 80) for e in columns[label]]) for label in base.labels]
     values = np.linalg.svd(np.array(stacked), compute_uv=False)

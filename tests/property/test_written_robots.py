@@ -7,11 +7,12 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from symid.formats.joint_friction import FRICTION_PARAMETERS
+from symid.formats.joint_friction import FRICTION_PARAMETERS, FRICTION_SHAPES
 from symid.formats.toml import parse_robot
 from symid.formats.writer import write_robot
 from symid.robot.description import (
     Coupling,
+    CurvedFriction,
     Drive,
     FrictionKind,
     FrictionValues,
@@ -95,11 +96,15 @@ def test_roll_pitch_and_yaw_are_found_where_they_were(angles):
 
 @st.composite
 def frictions(draw):
-    kind = draw(st.sampled_from(list(FrictionKind)))
+    kind = draw(st.sampled_from([*FrictionKind, *CurvedFriction]))
     count = len(FRICTION_PARAMETERS[kind])
     values = draw(st.one_of(st.none(), st.tuples(*[NUMBERS] * count))) if count else None
-    smoothing = draw(st.one_of(st.just(0.0), POSITIVE)) if count else 0.0
-    return FrictionValues(kind=kind, values=values, smoothing=smoothing)
+    # These have no step at standstill to smooth.
+    steps = count and kind not in {CurvedFriction.IMPROVED_STRIBECK, CurvedFriction.MAKKAR}
+    smoothing = draw(st.one_of(st.just(0.0), POSITIVE)) if steps else 0.0
+    numbers = st.floats(1e-3, 9.0)
+    shape = draw(st.tuples(*[numbers] * len(FRICTION_SHAPES.get(kind, ()))))
+    return FrictionValues(kind=kind, values=values, smoothing=smoothing, shape=shape)
 
 
 SLOPES = st.floats(-0.3, 2.0).filter(lambda x: abs(x) > 1e-20)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from jinja2 import Environment, meta
 
-from symid.codegen import c_contexts, python_module
+from symid.codegen import c_contexts, friction_c, friction_state, python_module
 from symid.codegen.options import GenerateOptions
 from symid.codegen.printing import find_literal
 from symid.codegen.templates import find_template_bytes, write_template
@@ -16,6 +16,10 @@ CONTEXTS = {
     "c/header.h.jinja": c_contexts.HeaderContext,
     "c/function.c.jinja": c_contexts.FunctionContext,
     "c/info.c.jinja": c_contexts.InfoContext,
+    "c/friction.h.jinja": friction_c.FrictionHeaderContext,
+    "c/friction.c.jinja": friction_c.FrictionContext,
+    "c/friction_state.h.jinja": friction_state.FrictionStateHeaderContext,
+    "c/friction_state.c.jinja": friction_state.FrictionStateContext,
     "c/hysteresis.h.jinja": c_contexts.StateHeaderContext,
     "c/hysteresis.c.jinja": c_contexts.StateContext,
     "c/hysteresis_test.c.jinja": c_contexts.StateTestContext,

@@ -6,22 +6,30 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from symid.joint.friction import FRICTION_MODELS, find_friction, list_friction_parameters
+from symid.joint.friction import (
+    FRICTION_MODELS,
+    find_friction,
+    find_friction_columns,
+    list_friction_parameters,
+)
+from symid.joint.friction_law import build_float_carrier
 from symid.joint.friction_parts import find_constant_torques, find_friction_rows
-from symid.robot.description import Coupling, FrictionKind, FrictionValues, Mimic
+from symid.robot.description import Coupling, CurvedFriction, FrictionKind, FrictionValues, Mimic
 from tests.chains import build_chain
 
+SHAPES = {
+    CurvedFriction.STRIBECK: (0.4, 1.5),
+    CurvedFriction.STRIBECK_OFFSET: (0.7, 2.0),
+    CurvedFriction.IMPROVED_STRIBECK: (0.5, 0.3, 2.0),
+    CurvedFriction.ASYMMETRIC_STRIBECK: (0.4, 1.0),
+    CurvedFriction.CUBIC: (),
+    CurvedFriction.STRIBECK_CUBIC: (0.5, 2.0),
+    CurvedFriction.POWER_LAW: (0.6,),
+    CurvedFriction.MAKKAR: (5.0, 0.8, 3.0),
+}
 KINDS = [kind for kind in FrictionKind if kind is not FrictionKind.NONE]
+CURVED = [FrictionValues(kind=kind, shape=shape) for kind, shape in SHAPES.items()]
 ROW = (0.3, 0.1, 0.2, "q")
-
-
-class Floats:
-    one = 1.0
-    add = staticmethod(lambda a, b: a + b)
-    sub = staticmethod(lambda a, b: a - b)
-    half = staticmethod(lambda a: a / 2)
-    sign = staticmethod(np.sign)
-    absolute = staticmethod(abs)
 
 
 def find_rank(robot):
@@ -34,7 +42,8 @@ def find_rank(robot):
             model = FRICTION_MODELS[find_friction(robot, index).kind]
             row = robot.transmission[index]
             speed = sum(float(factor) * dq[position] for position, factor in row)
-            entry = model.columns(Floats, speed)[model.parameters.index(name)]
+            columns = find_friction_columns(find_friction(robot, index), build_float_carrier(), speed)
+            entry = columns[model.parameters.index(name)]
             for position, factor in row:
                 block[position, k] += float(factor) * entry
         blocks.append(block)
@@ -69,9 +78,25 @@ def test_followers_and_couplings_show_what_samples_show(kind, other, multiplier)
     assert rank_of_rows(robot) == find_rank(robot)
 
 
+@pytest.mark.parametrize("friction", CURVED, ids=lambda friction: friction.kind.value)
+@pytest.mark.parametrize(
+    "other", [*CURVED, FrictionValues(kind=FrictionKind.ASYMMETRIC)], ids=lambda f: f.kind.value
+)
+@pytest.mark.parametrize("multiplier", [Fraction(1), Fraction(-1, 2)], ids=str)
+def test_curved_friction_shows_what_samples_show(friction, other, multiplier):
+    robot = build_chain([ROW] * 3)
+    joints = [replace(joint, friction=friction) for joint in robot.joints]
+    joints[2] = replace(joints[2], mimic=Mimic(master=0, multiplier=multiplier), friction=other)
+    coupling = Coupling(name="m", terms=((0, Fraction(1)), (1, Fraction(1))), friction=other)
+    robot = replace(robot, joints=tuple(joints), couplings=(coupling,))
+    assert rank_of_rows(robot) == find_rank(robot)
+
+
 def test_constant_torques():
     robot = build_chain([ROW], friction=FrictionKind.ASYMMETRIC)
     half = Fraction(1, 2)
     assert find_constant_torques(robot) == {(0, "Fcp"): half, (0, "Fcn"): -half}
     robot = build_chain([ROW], friction=FrictionKind.VISCOUS_COULOMB_OFFSET)
     assert find_constant_torques(robot) == {(0, "offset"): 1}
+    joint = replace(robot.joints[0], friction=CURVED[2])
+    assert find_constant_torques(replace(robot, joints=(joint,))) == {(0, "Fp"): 1}

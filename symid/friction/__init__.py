@@ -1,0 +1,1 @@
+"""Friction of one joint at a time: samples, laws fitted to them, the choice of a law."""

@@ -1,0 +1,257 @@
+"""What samples cannot tell of a friction law, and what speaks against a fit: plain sentences.
+
+FrictionProblem, FrictionSearch, Uncertainty -> refused parameters with reasons; notices.
+
+A parameter gets no number where the columns of the law are dependent on these samples (also where noise
+alone keeps them apart: one speed, one direction); where the law without the term explains the samples as well
+(chi-square, 0.01 %); where no sample is slower than the Stribeck velocity; where the deviation of a value
+of the shape exceeds half of it.
+
+Supported: all static laws. Not supported: naming a law that fits better (`selection`).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from symid.arrays import FloatArray
+from symid.errors import Notice
+from symid.friction.covariance import Uncertainty, find_design, find_uncertainty
+from symid.friction.problem import SPEED_UNITS, FrictionProblem
+from symid.friction.samples import FrictionSamples
+from symid.friction.search import FrictionSearch
+from symid.joint.friction_law import FrictionLaw, find_column_rates
+
+__all__ = ["find_edge", "find_notices", "find_refusals", "is_one_sided"]
+
+_FEW = 20
+_ONE_SPEED = 0.05
+"""Spread of the speeds over their median below which the joint moved at one speed."""
+_ONE_SIDED = 0.01
+_UNSURE = 0.5
+_CHANCE = 1e-4
+_EDGE = 1e-6
+_BUMPS = frozenset({"Fs", "Fsp", "Fsn", "Fls"})
+"""What static friction is beyond Coulomb friction."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Motion:
+    """What a motion lacks: the reason, and samples without what only noise added."""
+
+    reason: str
+    samples: FrictionSamples
+
+
+def is_one_sided(velocity: FloatArray) -> bool:
+    """Return whether less than one sample in a hundred moves against the rest."""
+    forward, backward = int(np.sum(velocity > 0.0)), int(np.sum(velocity < 0.0))
+    return min(forward, backward) <= _ONE_SIDED * max(forward, backward)
+
+
+def find_refusals(
+    problem: FrictionProblem, search: FrictionSearch, uncertainty: Uncertainty
+) -> dict[str, str]:
+    """Return the reason for every parameter, of the law and beside it, that gets no number."""
+    law, names = problem.law, _list_names(problem)
+    refused: dict[str, str] = {}
+    motion = _describe_motion(problem.samples)
+    told = [uncertainty]
+    if motion.reason:
+        design = find_design(motion.samples, law, search.linear, search.shape)
+        told.append(find_uncertainty(design, law, 1.0, list(problem.is_free == 0.0)))
+    for entry in told:
+        blind = np.isinf(np.concatenate([entry.physical, entry.other]))
+        together = [name for name, lost in zip(names, blind, strict=True) if lost]
+        reason = motion.reason or "their columns depend on each other in these samples"
+        for name in together:
+            others = ", ".join(other for other in together if other != name)
+            end = f"it cannot be told apart from {others}" if others else "nothing is seen of it"
+            refused.setdefault(name, f"{reason}: {end}")
+    refused |= {k: v for k, v in _refuse_shapes(problem, search).items() if k not in refused}
+    return refused | _refuse_unsure(problem, search, uncertainty, refused)
+
+
+def _list_names(problem: FrictionProblem) -> list[str]:
+    return [*(entry.name for entry in problem.law.physical), *problem.samples.extra_names]
+
+
+def _describe_motion(samples: FrictionSamples) -> _Motion:
+    """Return what the motion lacks, the worst first."""
+    unit = "m/s" if samples.prismatic else "rad/s"
+    velocity = samples.velocity
+    kept = np.ones(len(velocity), dtype=bool)
+    reasons = []
+    if is_one_sided(velocity):
+        direction = 1.0 if np.sum(velocity > 0.0) > np.sum(velocity < 0.0) else -1.0
+        kept = velocity * direction > 0.0
+        reasons.append(f"in the {'positive' if direction > 0.0 else 'negative'} direction only")
+    speeds = np.abs(velocity[kept & (velocity != 0.0)])
+    middle = float(np.median(speeds))
+    spread = float(np.subtract(*np.quantile(speeds, (0.975, 0.025))))
+    if spread <= _ONE_SPEED * middle:
+        reasons.append(f"at one speed only, {middle:.3g} {unit}")
+        velocity = np.sign(velocity) * middle
+    if not reasons:
+        return _Motion(reason="", samples=samples)
+    clean = replace(
+        samples,
+        time=samples.time[kept],
+        velocity=velocity[kept],
+        torque=samples.torque[kept],
+        extra=samples.extra[kept],
+        load=None if samples.load is None else samples.load[kept],
+        position=None if samples.position is None else samples.position[kept],
+        run=samples.run[kept] if samples.run is not None else None,
+        reduce=None,
+    )
+    return _Motion(reason=f"the joint moved {' and '.join(reasons)}", samples=clean)
+
+
+def _refuse_shapes(problem: FrictionProblem, search: FrictionSearch) -> dict[str, str]:
+    """Return what these samples do not show of the law's shape, and of the terms that hang on it."""
+    law, refused = problem.law, {}
+    rates = find_column_rates(law, problem.samples.inputs, [float(value) for value in search.shape])
+    size = np.max(np.abs(rates), axis=0, initial=0.0)
+    whole = problem.find_columns(search.shape)
+    variance = search.objective / max(len(problem.target) - len(_list_names(problem)), 1)
+    unit = "m/s" if problem.samples.prismatic else "rad/s"
+    slowest = float(np.min(np.abs(problem.samples.velocity)))
+    for place, entry in enumerate(law.shape):
+        if not problem.is_free[place]:
+            continue
+        value = float(search.shape[place])
+        terms = [int(term) for term in np.flatnonzero(size[:, place] > 0.0)]
+        if entry.name == "dq0":
+            edge = np.array(search.shape)
+            edge[place] = problem.low[place]
+            if _is_as_good(problem, search, problem.find_columns(edge), variance, 1):
+                refused[entry.name] = "a law without a zone about standstill explains the samples as well"
+            continue
+        reason = ""
+        if entry.name == "vs" and slowest >= value:
+            reason = (
+                f"no sample is slower than the Stribeck velocity: the slowest moves at {slowest:.3g} {unit}"
+            )
+        elif entry.unit in SPEED_UNITS and find_edge(problem, search, place):
+            reason = f"{entry.name} stands at the edge of what the samples can tell, {value:.3g} {unit}"
+        elif _is_as_good(problem, search, np.delete(whole, terms, axis=1), variance, len(terms) + 1):
+            reason = "the law without this term explains the samples as well"
+            if entry.name == "vs":
+                reason += f"; it shows at low speeds, and the slowest sample moves at {slowest:.3g} {unit}"
+        if reason:
+            refused |= dict.fromkeys(_find_hanging(law, terms, place), reason)
+    return refused
+
+
+def _find_hanging(law: FrictionLaw, terms: list[int], place: int) -> list[str]:
+    """Return names of physical parameters that hold a shape value or one of the linear terms."""
+    lost = {*terms, len(law.linear) + place}
+    return [
+        entry.name
+        for entry, row in zip(law.physical, law.mixing, strict=True)
+        if any(row[index] for index in lost)
+    ]
+
+
+def _is_as_good(
+    problem: FrictionProblem, search: FrictionSearch, columns: FloatArray, variance: float, freedom: int
+) -> bool:
+    """Return whether fewer columns leave J no greater than chance explains."""
+    from scipy.special import chdtri
+
+    residual = problem.target
+    if columns.shape[1]:
+        lengths = np.linalg.norm(columns, axis=0)
+        scaled = columns / np.where(lengths > 0.0, lengths, 1.0)
+        residual = residual - scaled @ np.linalg.lstsq(scaled, residual, rcond=1e-11)[0]
+    gain = float(residual @ residual) - search.objective
+    rounding = 1e-20 * float(problem.target @ problem.target)
+    return gain <= float(chdtri(freedom, _CHANCE)) * variance + rounding
+
+
+def _refuse_unsure(
+    problem: FrictionProblem, search: FrictionSearch, uncertainty: Uncertainty, refused: dict[str, str]
+) -> dict[str, str]:
+    """Return values of the shape, and what hangs on a refused one, with deviations beyond half the value."""
+    law = problem.law
+    values = law.to_physical(list(search.linear), list(search.shape))
+    shapes = {entry.name for entry, free in zip(law.shape, problem.is_free, strict=True) if free}
+    bent = bool(shapes & refused.keys())
+    unsure = {}
+    for entry, value, std in zip(law.physical, values, uncertainty.physical, strict=True):
+        doubtful = entry.name in shapes or entry.name.startswith("fS") or (bent and entry.lower == 0.0)
+        if doubtful and entry.name not in refused and std > _UNSURE * abs(value):
+            unit = entry.unit_prismatic if problem.samples.prismatic else entry.unit
+            unsure[entry.name] = f"its standard deviation, {std:.3g} {unit}, is more than half its value"
+    return unsure
+
+
+def find_notices(
+    problem: FrictionProblem, search: FrictionSearch, refused: dict[str, str]
+) -> tuple[Notice, ...]:
+    """Return what a reader of the fit should know."""
+    notices = [
+        Notice(code="friction.refused", text=f"{name} gets no number: {refused[name]}") for name in refused
+    ]
+    if is_one_sided(problem.samples.velocity):
+        text = "the direction of motion does not change: nothing is known of friction in the other direction"
+        notices.append(Notice(code="friction.one-direction", text=text))
+    notices += _warn_of_slow(problem, search)
+    notices += _warn_of_values(problem, search, refused)
+    if search.outcome.name not in {"CONVERGED", "STAGNATED"}:
+        text = f"the search did not end by its tolerances but because {search.ended} ({search.outcome.value})"
+        notices.append(Notice(code="friction.outcome", text=text))
+    return tuple(notices)
+
+
+def _warn_of_slow(problem: FrictionProblem, search: FrictionSearch) -> list[Notice]:
+    for entry, value in zip(problem.law.shape, search.shape, strict=True):
+        slow = int(np.sum(np.abs(problem.samples.velocity) < 2.0 * value))
+        if entry.name == "vs" and slow < _FEW:
+            text = (
+                f"{slow} samples are slower than twice the Stribeck velocity, fewer than {_FEW}: what "
+                "happens at the start of motion rests on them; record slower motions"
+            )
+            return [Notice(code="friction.few-slow", text=text)]
+    return []
+
+
+def _warn_of_values(
+    problem: FrictionProblem, search: FrictionSearch, refused: dict[str, str]
+) -> list[Notice]:
+    law, notices = problem.law, []
+    for place, entry in enumerate(law.shape):
+        side = find_edge(problem, search, place)
+        if side and entry.name not in refused:
+            text = (
+                f"{entry.name} stands at its {side} bound, {search.shape[place]:.4g}: its optimum lies beyond"
+            )
+            notices.append(Notice(code="friction.at-bound", text=text))
+    if any(
+        entry.name in _BUMPS and value < 0.0 for entry, value in zip(law.linear, search.linear, strict=True)
+    ) and not any(name.startswith(("fS", "fE")) for name in refused):
+        text = (
+            "static friction came out below Coulomb friction: friction grows with the first speed. This "
+            "axis may have no break-away bump, or filters blur its change of sign; record slower motions"
+        )
+        notices.append(Notice(code="friction.static-below-coulomb", text=text))
+    values = law.to_physical(list(search.linear), list(search.shape))
+    for entry, value in zip(law.physical, values, strict=True):
+        if value < entry.lower and entry.name not in refused:
+            text = (
+                f"{entry.name} = {value:.4g} lies below its physical bound, {entry.lower:g}; "
+                "the estimator 'nlp' keeps bounds"
+            )
+            notices.append(Notice(code="friction.beyond-bound", text=text))
+    return notices
+
+
+def find_edge(problem: FrictionProblem, search: FrictionSearch, place: int) -> str:
+    """Return "lower" or "upper" where a shape value stands at that bound of its search, else ""."""
+    if not problem.is_free[place]:
+        return ""
+    z, low, high = (problem.encode(values)[place] for values in (search.shape, problem.low, problem.high))
+    if z - low <= _EDGE * (high - low):
+        return "lower"
+    return "upper" if high - z <= _EDGE * (high - low) else ""

@@ -1,0 +1,220 @@
+"""What an identification of friction says: joint by joint, with all that a reader needs to judge it.
+
+Input: fits, choices, tests. Output: `FrictionIdentification`, which is written to and read from JSON without
+loss.
+
+Supported: format 1, SI units. A number that is not finite is written as null and read as infinite.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import MISSING, asdict, dataclass, fields, is_dataclass
+from enum import Enum
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import TYPE_CHECKING, Union, cast, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from symid.errors import EstimateError, Notice
+from symid.friction.estimate import FrictionEstimate
+from symid.friction.map import VelocityMap
+from symid.friction.poses import PoseTest
+from symid.friction.selection import LawSelection
+from symid.identification.estimate import Residual
+from symid.identification.storage import write_file
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+__all__ = [
+    "FrictionIdentification",
+    "JointFriction",
+    "is_friction_result",
+    "read_friction_result",
+    "write_friction_result",
+]
+
+_FORMAT = "symid friction result"
+_VERSION = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointFriction:
+    """Friction of one joint.
+
+    Args:
+        estimate: the law's parameters, how sure they are, and how they were found.
+        formula: of the law, in words; `smoothing` v0 in rad/s or m/s of its sign, 0 for the sign.
+        unit: of the torque; velocity_unit: of the velocity.
+        rigid: how the rigid part of the torque was treated.
+        residual: what the law leaves unexplained of the logs it was fitted to.
+        selection: how the law was chosen; None where it was named.
+        poses: whether friction depends on the pose; None where one pose was recorded.
+        velocity_map: friction torque against velocity, as measured.
+        sources: the logs in which the joint moves.
+    """
+
+    estimate: FrictionEstimate
+    formula: str
+    smoothing: float
+    unit: str
+    velocity_unit: str
+    rigid: str
+    residual: Residual
+    selection: LawSelection | None
+    poses: PoseTest | None
+    velocity_map: VelocityMap
+    sources: tuple[str, ...]
+
+    @property
+    def joint(self) -> str:
+        """Return the joint's name."""
+        return self.estimate.joint
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrictionIdentification:
+    """Friction of all joints that move.
+
+    Args:
+        robot: its name; signature: of its model.
+        model: the law asked for, or "auto"; estimator: how laws were fitted.
+        joints: those whose friction shows.
+        refused: the others, with the reason.
+        sources: the logs; settings: processing, log map and options, after overrides.
+        notices: what a reader should know.
+    """
+
+    robot: str
+    signature: str
+    model: str
+    estimator: str
+    joints: tuple[JointFriction, ...]
+    refused: tuple[tuple[str, str], ...]
+    sources: tuple[str, ...]
+    settings: Mapping[str, object]
+    notices: tuple[Notice, ...]
+
+
+def write_friction_result(result: FrictionIdentification, path: Path) -> Path:
+    """Write the result to `path` as JSON and return the path.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    data = {"format": _FORMAT, "version": _VERSION, **asdict(result)}
+    text = json.dumps(_write_plain(data), indent=1, allow_nan=False, ensure_ascii=False)
+    return write_file(path, text + "\n")
+
+
+def read_friction_result(path: Path) -> FrictionIdentification:
+    """Return the result stored at `path`.
+
+    Raises:
+        EstimateError: there is no such file, or it holds something else.
+    """
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise _refuse(path, f"cannot be read: {error.strerror}") from error
+    except (ValueError, RecursionError) as error:
+        raise _refuse(path, f"not JSON: {error}") from error
+    if not isinstance(data, dict) or data.get("format") != _FORMAT:
+        raise _refuse(path, "this is JSON, but no friction of a robot written by symid")
+    if data.get("version") != _VERSION:
+        raise _refuse(path, f"version {data.get('version')!r} of the format; this symid reads {_VERSION}")
+    try:
+        body = {key: value for key, value in data.items() if key not in {"format", "version"}}
+        return cast("FrictionIdentification", _read(FrictionIdentification, body, "result"))
+    except (TypeError, ValueError, KeyError, AttributeError, OverflowError) as error:
+        raise _refuse(path, str(error)) from error
+
+
+def is_friction_result(path: Path) -> bool:
+    """Return whether `path` holds friction of a robot, whatever else may be wrong with it."""
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(data, dict) and data.get("format") == _FORMAT
+
+
+def _refuse(path: Path, text: str) -> EstimateError:
+    return EstimateError(Notice(code="estimate.format", text=text, file=str(path)))
+
+
+def _write_plain(value: object) -> object:
+    match value:
+        case float():
+            return value if math.isfinite(value) else None
+        case Enum():
+            return value.name
+        case np.ndarray():
+            return [_write_plain(entry) for entry in value.tolist()]
+        case Mapping():
+            return {str(key): _write_plain(entry) for key, entry in value.items()}
+        case tuple() | list():
+            return [_write_plain(entry) for entry in value]
+    return value
+
+
+def _read(kind: type, value: object, where: str) -> object:
+    """Return `value`, as JSON has it, as the type `kind` of a product; `where` it stands, for messages."""
+    if is_dataclass(kind):
+        return _read_record(kind, value, where)
+    arguments, origin = get_args(kind), get_origin(kind)
+    if origin in {Union, UnionType}:
+        if NoneType in arguments:
+            inner = next(entry for entry in arguments if entry is not NoneType)
+            return None if value is None else _read(inner, value, where)
+        return _expect(value, arguments, where)
+    if origin is tuple:
+        return _read_tuple(arguments, _expect_list(value, where), where)
+    if origin is np.ndarray:
+        return np.array(
+            [_read(float, entry, where) for entry in _expect_list(value, where)], dtype=np.float64
+        )
+    if origin is not None and issubclass(origin, Mapping):
+        return _expect(value, (dict,), where)
+    if issubclass(kind, Enum):
+        return kind[str(_expect(value, (str,), where))]
+    if kind is float:
+        return math.inf if value is None else float(cast("float", _expect(value, (int, float), where)))
+    return _expect(value, (kind,), where)
+
+
+def _expect(value: object, kinds: tuple[type, ...], where: str) -> object:
+    if not isinstance(value, kinds) or (isinstance(value, bool) and bool not in kinds):
+        names = " or ".join(kind.__name__ for kind in kinds)
+        message = f"{where}: expected {names}, got {value!r:.60}"
+        raise TypeError(message)
+    return value
+
+
+def _expect_list(value: object, where: str) -> list[object]:
+    return cast("list[object]", _expect(value, (list,), where))
+
+
+def _read_tuple(arguments: tuple[object, ...], entries: list[object], where: str) -> tuple[object, ...]:
+    if arguments[-1] is Ellipsis:
+        return tuple(_read(cast("type", arguments[0]), entry, where) for entry in entries)
+    if len(entries) != len(arguments):
+        message = f"{where}: expected {len(arguments)} entries, got {len(entries)}"
+        raise ValueError(message)
+    pairs = zip(arguments, entries, strict=True)
+    return tuple(_read(cast("type", kind), entry, where) for kind, entry in pairs)
+
+
+def _read_record(kind: type, value: object, where: str) -> object:
+    table = cast("dict[str, object]", _expect(value, (dict,), where))
+    hints = get_type_hints(kind)
+    known = fields(cast("type[DataclassInstance]", kind))
+    needed = {entry.name for entry in known if entry.default is MISSING and entry.default_factory is MISSING}
+    wrong = [f"{name} is missing" for name in sorted(needed - table.keys())]
+    wrong += [f"{name} is unknown" for name in sorted(table.keys() - {entry.name for entry in known})]
+    if wrong:
+        message = f"{where}: {', '.join(wrong)}"
+        raise ValueError(message)
+    return kind(**{name: _read(hints[name], entry, f"{where}.{name}") for name, entry in table.items()})

@@ -1,0 +1,267 @@
+"""A test rig for friction with a memory: one mass on bristles, pushed, pulled by a spring, or under control.
+
+Input: a law and its values, a mass, a drive. Output: `RigRun`, samples of the motion with an energy balance.
+
+    m dv/dt = F - tau_f(v, z),   dx/dt = v,   dz/dt of the law,   dw/dt of the drive
+    force    F = F(t)
+    spring   F = k (V t - x) + c (V - v)
+    control  F = kp e + ki w - kd v,   e = target(t) - x,   dw/dt = e
+
+Integrated by LSODA (Hindmarsh and Petzold): bristles make the equations stiff while the mass slips, and soft
+while it sticks. Tolerances are relative, and absolute on the scale of the bristles: sticking is resolved.
+
+Supported: revolute and prismatic axes alike (kg m^2 and rad, or kg and m); any law of `friction_dynamic`.
+Not supported: several masses; forces that jump faster than the sampling, unless `substep` is set.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from symid.arrays import FloatArray, freeze
+from symid.errors import Notice, SolverError, UsageError
+from symid.joint.friction_dynamic import (
+    DynamicLaw,
+    check_dynamic_values,
+    find_bristle_rate,
+    find_dynamic_torque,
+    find_largest_level,
+)
+from symid.joint.friction_law import build_float_carrier
+
+__all__ = [
+    "ForceDrive",
+    "PositionControl",
+    "Rig",
+    "RigDrive",
+    "RigOptions",
+    "RigRun",
+    "SpringDrive",
+    "simulate_friction_rig",
+]
+
+
+class RigDrive(Protocol):
+    """What pushes the mass."""
+
+    def find_force(self, time: float, position: float, velocity: float, memory: float) -> float:
+        """Return F, N m or N; `memory` is w."""
+
+    def find_memory_rate(self, time: float, position: float) -> float:
+        """Return dw/dt."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForceDrive:
+    """A force given over time (s -> N m or N)."""
+
+    force: Callable[[float], float]
+
+    def find_force(self, time: float, position: float, velocity: float, memory: float) -> float:  # noqa: ARG002
+        """Return F(t)."""
+        return self.force(time)
+
+    def find_memory_rate(self, time: float, position: float) -> float:  # noqa: ARG002
+        """Return zero."""
+        return 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SpringDrive:
+    """A spring (N m/rad or N/m) with a damper (N m s/rad or N s/m) whose far end moves at `speed`."""
+
+    stiffness: float
+    speed: float
+    damping: float = 0.0
+
+    def find_force(self, time: float, position: float, velocity: float, memory: float) -> float:  # noqa: ARG002
+        """Return k (V t - x) + c (V - v)."""
+        return self.stiffness * (self.speed * time - position) + self.damping * (self.speed - velocity)
+
+    def find_memory_rate(self, time: float, position: float) -> float:  # noqa: ARG002
+        """Return zero."""
+        return 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PositionControl:
+    """A PID controller of the position: gains in N m/rad, N m/(rad s), N m s/rad, or with m for rad.
+
+    `target` gives the position wanted over time: s -> rad or m.
+    """
+
+    proportional: float
+    integral: float
+    derivative: float
+    target: Callable[[float], float]
+
+    def find_force(self, time: float, position: float, velocity: float, memory: float) -> float:
+        """Return kp (target - x) + ki w - kd v."""
+        error = self.target(time) - position
+        return self.proportional * error + self.integral * memory - self.derivative * velocity
+
+    def find_memory_rate(self, time: float, position: float) -> float:
+        """Return the error of the position."""
+        return self.target(time) - position
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rig:
+    """A mass (kg m^2 or kg) on friction; `values` in the order of the law."""
+
+    law: DynamicLaw
+    values: tuple[float, ...]
+    mass: float
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            UsageError: a value is none of the law, or the mass is not positive.
+        """
+        check_dynamic_values(self.law, self.values)
+        if not (math.isfinite(self.mass) and self.mass > 0):
+            text = f"the mass on the friction must be positive, got {self.mass:g}"
+            raise UsageError(Notice(code="simulate.friction-rig", text=text))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RigOptions:
+    """How a rig is run: duration in s, sampling rate in Hz, start, relative tolerance of the integrator.
+
+    `substep` in s is the longest step of the integrator; None for ten periods.
+    """
+
+    duration: float
+    rate: float = 1000.0
+    position: float = 0.0
+    velocity: float = 0.0
+    tolerance: float = 1e-9
+    substep: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            UsageError: times or tolerance are not positive, or there is no whole sampling period.
+        """
+        positive = (
+            self.duration,
+            self.rate,
+            self.tolerance,
+            self.duration if self.substep is None else self.substep,
+        )
+        if not all(math.isfinite(value) and value > 0 for value in positive) or self.duration * self.rate < 1:
+            text = "duration, rate, tolerance and substep must be positive, the duration at least one period"
+            raise UsageError(Notice(code="simulate.friction-rig", text=text))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RigRun:
+    """What happened, (N,) each, in SI units; `friction` opposes motion where it is of the velocity's sign.
+
+    Args:
+        time, position, velocity, acceleration: of the mass.
+        deflection: z of the bristles; force: of the drive; friction: tau_f.
+        work: of the drive since the start, J; loss: what friction turned into heat, J;
+        energy: kinetic, and elastic in the bristles, J: energy - energy[0] = work - loss.
+    """
+
+    time: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    deflection: FloatArray
+    force: FloatArray
+    friction: FloatArray
+    work: FloatArray
+    loss: FloatArray
+    energy: FloatArray
+
+
+State = tuple[float, float, float, float]
+
+
+def _find_rates(rig: Rig, drive: RigDrive, time: float, state: State) -> tuple[list[float], float, float]:
+    """Return the rates of (x, v, z, w, work, loss), the force and the friction."""
+    algebra = _FLOATS
+    position, velocity, deflection, memory = state
+    force = drive.find_force(time, position, velocity, memory)
+    friction = find_dynamic_torque(algebra, rig.law, velocity, deflection, rig.values)
+    rate = find_bristle_rate(algebra, rig.law, velocity, deflection, rig.values)
+    loss = friction * velocity - rig.values[0] * deflection * rate
+    acceleration = (force - friction) / rig.mass
+    memory_rate = drive.find_memory_rate(time, position)
+    return [velocity, acceleration, rate, memory_rate, force * velocity, loss], force, friction
+
+
+_FLOATS = build_float_carrier()
+_RUNAWAY = 1e15
+"""Times the way and the speed that bristles know: no motion of a rig."""
+
+
+def simulate_friction_rig(rig: Rig, drive: RigDrive, options: RigOptions) -> RigRun:
+    """Return the motion of the mass, beginning with straight bristles.
+
+    Raises:
+        SolverError: the integrator gave up, or numbers grew without bound.
+    """
+    from scipy.integrate import solve_ivp
+
+    count = math.floor(options.duration * options.rate * (1.0 + 1e-12)) + 1
+    time = np.arange(count) / options.rate
+    largest = find_largest_level(rig.law, rig.values)
+    bend = largest / rig.values[0]
+    speed = bend * math.sqrt(rig.values[0] / rig.mass)
+    scales = np.array([bend, speed, bend, bend * options.duration, largest * bend, largest * bend])
+
+    def find_rates(at: float, state: FloatArray) -> list[float]:
+        position, velocity, deflection, memory = state[:4].tolist()
+        # Beyond this the integrator would go on with ever smaller steps.
+        if not (abs(velocity) < _RUNAWAY * speed and abs(position) < _RUNAWAY * bend):
+            raise OverflowError
+        return _find_rates(rig, drive, at, (position, velocity, deflection, memory))[0]
+
+    with np.errstate(all="ignore"):
+        try:
+            solved = solve_ivp(
+                find_rates,
+                (0.0, time[-1]),
+                [options.position, options.velocity, 0.0, 0.0, 0.0, 0.0],
+                method="LSODA",
+                t_eval=time,
+                rtol=options.tolerance,
+                atol=options.tolerance * scales,
+                max_step=options.substep or 10.0 / options.rate,
+            )
+        except OverflowError:
+            raise _fail(rig, "the motion grew without bound") from None
+    if not solved.success or not np.all(np.isfinite(solved.y)):
+        raise _fail(rig, str(solved.message))
+    return _build_run(rig, drive, time, solved.y)
+
+
+def _fail(rig: Rig, reason: str) -> SolverError:
+    text = f"the rig of {rig.law.name!r} could not be simulated: {reason}; lower the gains or the tolerance"
+    return SolverError(Notice(code="simulate.friction-rig", text=text))
+
+
+def _build_run(rig: Rig, drive: RigDrive, time: FloatArray, states: FloatArray) -> RigRun:
+    position, velocity, deflection, _, work, loss = states
+    columns = zip(time.tolist(), *(row.tolist() for row in states[:4]), strict=True)
+    found = [_find_rates(rig, drive, at, (x, v, z, w)) for at, x, v, z, w in columns]
+    return RigRun(
+        time=freeze(time),
+        position=freeze(position),
+        velocity=freeze(velocity),
+        acceleration=freeze([rates[1] for rates, _, _ in found]),
+        deflection=freeze(deflection),
+        force=freeze([force for _, force, _ in found]),
+        friction=freeze([friction for _, _, friction in found]),
+        work=freeze(work),
+        loss=freeze(loss),
+        energy=freeze(0.5 * rig.mass * velocity**2 + 0.5 * rig.values[0] * deflection**2),
+    )

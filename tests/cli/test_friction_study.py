@@ -1,0 +1,109 @@
+"""`symid study friction-tables`."""
+
+import json
+import re
+import xml.etree.ElementTree as ET
+
+import pytest
+
+from symid.cli.call import run
+from symid.friction.estimators import ESTIMATORS
+
+
+@pytest.fixture(scope="module")
+def answer(tmp_path_factory):
+    """Return exit code, the two streams, and the page of a run with few draws."""
+    import contextlib
+    import io
+
+    page = tmp_path_factory.mktemp("study") / "tables.html"
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = run(
+            ["study", "friction-tables", "--seeds", "2", "--jobs", "1", "-o", str(page), "--json", "-q"]
+        )
+    return code, out.getvalue(), err.getvalue(), page
+
+
+def test_the_answer_is_one_object_with_all_tables(answer):
+    code, out, err, page = answer
+    assert code == 0, err
+    result = json.loads(out)["result"]
+    assert result["seeds"] == [0, 1]
+    assert [row["estimator"] for row in result["agreement"][0]["rows"]] == list(ESTIMATORS)
+    assert [entry["joint"] for entry in result["recovery"]] == ["1", "2", "3"]
+    assert [entry["viscous"]["paper"] for entry in result["gains"]] == [28.6, 17.7, 33.6]
+    assert [entry["stribeck"]["paper"] for entry in result["gains"]] == [16.3, 11.8, 17.3]
+    assert result["file"] == str(page)
+    assert err == ""
+
+
+def test_the_default_has_the_least_objective_of_all(answer):
+    contests = json.loads(answer[1])["result"]["contests"]
+    for contest in contests:
+        runs = {run["estimator"]: run for run in contest["runs"]}
+        assert runs["varpro"]["excess"] <= 1e-6
+        assert runs["varpro"]["solves"] <= 150
+    # Two directions are not for root finding, and null is what JSON has for no number.
+    refused = next(run for run in contests[1]["runs"] if run["estimator"] == "root-finding")
+    assert refused["objective"] is None
+    assert "varpro" in refused["reason"]
+
+
+def test_the_page_has_a_counterpart_of_every_figure(answer):
+    text = answer[3].read_text(encoding="utf-8")
+    assert "nan" not in re.sub(r"[a-z]nan|nan[a-z]", "", text.lower())
+    for number in (1, 2, 6, 7, 8, 9, 10, 11):
+        assert f"Counterpart of Figure {number}" in text
+    figures = re.findall(r"<svg.*?</svg>", text, flags=re.DOTALL)
+    assert len(figures) == 11
+    for figure in figures:
+        root = ET.fromstring(figure)  # noqa: S314  our own text
+        assert root.find("{http://www.w3.org/2000/svg}desc").text
+    assert "these three rows are no test" in text
+    # 0.47, -3.34, -4.74 N m at 3.84, 13.57, 9.53 N m, by hand.
+    assert "1.5, 5.7, 19.8 %" in text
+    assert "script" not in text
+
+
+def test_people_read_the_paper_next_to_ours(answer, capsys):
+    # The tables of the terminal and of the page are one text.
+    from symid.cli.friction_study import _write_table
+    from symid.report.friction_study_tables import StudyTable
+
+    table = StudyTable(
+        title="title", names=("who", "estimator"), rows=(("paper", "a"), ("ours", "b")), notes=("n",)
+    )
+    assert _write_table(table).splitlines() == [
+        "title",
+        "who    estimator",
+        "-----  ---------",
+        "paper  a",
+        "ours   b",
+        "n",
+    ]
+
+
+@pytest.mark.parametrize(
+    "arguments", [("friction-tables", "--robot", "two_link_elastic"), ("elastic", "-o", "page.html")]
+)
+def test_options_that_a_study_does_not_read_are_refused(capsys, arguments):
+    assert run(["study", *arguments, "--json"]) == 2
+    (error,) = json.loads(capsys.readouterr().out)["errors"]
+    assert error["code"] == "usage.study-option"
+
+
+def test_one_draw_is_refused(capsys):
+    assert run(["study", "friction-tables", "--seeds", "1", "--json"]) == 2
+    (error,) = json.loads(capsys.readouterr().out)["errors"]
+    assert error["code"] == "usage.friction-draws"
+
+
+def test_a_page_that_cannot_be_written_is_refused_before_the_work(capsys, tmp_path):
+    page = tmp_path / "page.html"
+    page.write_text("mine", encoding="utf-8")
+    for target, code in ((page, "output.exists"), (tmp_path / "none" / "page.html", "output.no-folder")):
+        assert run(["study", "friction-tables", "-o", str(target), "--json", "-q"]) == 3
+        (error,) = json.loads(capsys.readouterr().out)["errors"]
+        assert error["code"] == code
+    assert page.read_text(encoding="utf-8") == "mine"

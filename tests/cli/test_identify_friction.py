@@ -1,0 +1,251 @@
+"""`symid identify --rows friction` and the report of its result, as a user calls them."""
+
+import json
+
+import numpy as np
+import pytest
+
+from symid.cli.main import run
+from tests.unit.friction.cosine_rigs import PLAIN, STRIBECK, record
+
+LAW = ("--rows", "friction")
+# Logs of the axis are at 250 Hz; the robot file's decimation is for 1 kHz.
+AXIS_LAW = (*LAW, "--decimate", "1")
+PLAIN_PROCESSING = (
+    *("--set", "processing.filter_cutoff=none", "--decimate", "1"),
+    *("--set", "processing.standstill=0", "--drop-first", "20", "--drop-last", "20"),
+)
+
+
+def call(capsys, *arguments):
+    capsys.readouterr()
+    code = run([*map(str, arguments)])
+    written = capsys.readouterr()
+    return code, written.out, written.err
+
+
+def call_json(capsys, *arguments):
+    code, out, _ = call(capsys, *arguments, "--json")
+    return code, json.loads(out)
+
+
+def find_codes(answer):
+    return {entry["code"] for entry in (*answer.get("errors", ()), *answer.get("warnings", ()))}
+
+
+def save(path, recording):
+    np.savez(path, t=recording.time, q=recording.position, tau=recording.torque)
+    return path
+
+
+def save_axis(path, velocity, friction, rate=250.0):
+    """Write a log of the EMPS with this velocity and friction, mass 95 kg."""
+    rng = np.random.default_rng(0)
+    q = (np.cumsum(velocity) - 0.5 * velocity) / rate
+    force = 95.0 * np.gradient(velocity) * rate + friction + 0.5 * rng.normal(size=len(q))
+    np.savez(path, t=np.arange(len(q)) / rate, qm=q, vir=force / 35.15065188)
+    return path
+
+
+@pytest.fixture
+def axis_log(tmp_path):
+    """Return a log of slow and fast sines of an axis with a break-away bump."""
+    time = np.arange(5000) * 4e-3
+    v = np.where(time < 10.0, 0.02, 0.12) * np.sin(2.0 * np.pi * 0.5 * time)
+    friction = (20.0 + 8.0 * np.exp(-((v / 0.008) ** 2))) * np.sign(v) + 200.0 * v - 3.0
+    return save_axis(tmp_path / "axis.npz", v, friction)
+
+
+@pytest.fixture
+def arm_logs(tmp_path):
+    """Return a slow and a fast cosine of a two-link arm's first joint, at one pose, and one at another."""
+    recordings = (record(0.15), record(1.0, seed=1), record(1.0, pose=(0.3, 1.2), seed=2))
+    return [save(tmp_path / f"log{k}.npz", entry) for k, entry in enumerate(recordings)]
+
+
+def test_a_law_is_chosen_and_its_parameters_told(capsys, axis_log, tmp_path):
+    output, page = tmp_path / "friction.json", tmp_path / "friction.html"
+    code, out, err = call(capsys, "identify", "emps", axis_log, *AXIS_LAW, "-o", output)
+    assert code == 0
+    assert "held back/%" in out
+    assert "taken" in out
+    assert "foretells the blocks held back best" in out.replace("\n", " ")
+    assert "the rigid part J ddq was fitted along" in out
+    assert "Traceback" not in err
+    data = json.loads(output.read_text())
+    assert data["format"] == "symid friction result"
+    code, answer = call_json(capsys, "report", output, "-o", page)
+    assert (code, answer["result"]["robot"]) == (0, "emps")
+    text = page.read_text()
+    assert "emps: identified friction" in text
+    assert "Friction of axis in N against velocity in m/s" in text
+    assert "How the law was chosen" in text
+    code, answer = call_json(capsys, "report", output, "-o", page, "--force", "--validation", axis_log)
+    assert (code, find_codes(answer)) == (2, {"usage.friction-validation"})
+
+
+def test_a_named_law_gives_what_the_motion_had(capsys, axis_log):
+    code, answer = call_json(capsys, "identify", "emps", axis_log, *AXIS_LAW, "--model", "stribeck+offset")
+    assert code == 0
+    (joint,) = answer["result"]["joints"]
+    assert (joint["law"], joint["selection"]) == ("stribeck+offset", None)
+    values = {entry["name"]: entry["value"] for entry in joint["parameters"]}
+    assert values["fC"] == pytest.approx(20.0, rel=0.02)
+    assert values["fV"] == pytest.approx(200.0, rel=0.03)
+    assert values["offset"] == pytest.approx(-3.0, rel=0.02)
+    # The published filter rounds off what happens at the change of sign.
+    assert values["fS"] == pytest.approx(28.0, rel=0.1)
+    assert values["vs"] == pytest.approx(0.008, rel=0.2)
+    assert joint["rigid"]["parameters"][0]["value"] == pytest.approx(95.0, rel=0.01)
+    assert len(joint["map"]["velocity"]) == len(joint["map"]["rows"]) == 40
+
+
+@pytest.mark.parametrize("estimator", ["varpro", "nlp", "genetic", "annealing", "differential-evolution"])
+def test_every_estimator_can_be_named(capsys, axis_log, estimator):
+    arguments = (
+        "identify",
+        "emps",
+        axis_log,
+        *AXIS_LAW,
+        "--model",
+        "stribeck+offset",
+        "--estimator",
+        estimator,
+    )
+    code, answer = call_json(capsys, *arguments, "--seed", 3)
+    assert code == 0
+    (joint,) = answer["result"]["joints"]
+    assert joint["estimator"] == estimator
+    assert joint["residual"]["relative_percent"] < 6.0
+
+
+def test_slow_and_fast_logs_and_poses_of_an_arm(capsys, arm_logs):
+    arguments = ("identify", "two_link", *arm_logs, *LAW, "--model", "stribeck+offset", *PLAIN_PROCESSING)
+    code, answer = call_json(capsys, *arguments)
+    assert code == 0
+    (joint,) = answer["result"]["joints"]
+    for entry in joint["parameters"]:
+        assert abs(entry["value"] - STRIBECK[entry["name"]]) < 5.0 * entry["std"]
+    poses = joint["poses"]
+    assert not poses["differs"]
+    assert [len(pose["sources"]) for pose in poses["poses"]] == [2, 1]
+    assert "does not depend on the pose" in poses["verdict"]
+    assert [entry["joint"] for entry in answer["result"]["refused"]] == ["elbow"]
+    assert "friction.joint-refused" in find_codes(answer)
+    _, out, _ = call(capsys, *arguments)
+    assert "pose 2, 95 %" in out
+    assert "elbow: joint 'elbow' moves in none of these logs" in out
+
+
+def test_known_base_parameters_are_read_from_an_estimate(capsys, arm_logs, tmp_path):
+    output = tmp_path / "estimate.json"
+    _, answer = call_json(capsys, "identify", "two_link", *arm_logs, *PLAIN_PROCESSING, "-o", output)
+    assert "friction" in answer["result"]
+    arguments = ("identify", "two_link", arm_logs[1], *LAW, "--model", "coulomb-viscous-offset")
+    code, answer = call_json(capsys, *arguments, *PLAIN_PROCESSING, "--known", output)
+    assert code == 0
+    (joint,) = answer["result"]["joints"]
+    assert "subtracted" in joint["rigid"]["text"]
+    assert joint["rigid"]["parameters"] == []
+    values = {entry["name"]: entry["value"] for entry in joint["parameters"]}
+    assert values["fC"] == pytest.approx(PLAIN["fC"], rel=0.1)
+
+
+def test_constant_velocity_ends_with_sentences_and_no_number(capsys, tmp_path):
+    log = save_axis(tmp_path / "constant.npz", np.full(1500, 0.05), 28.0)
+    for model in ("coulomb-viscous-offset", "stribeck+offset", "auto"):
+        code, answer = call_json(capsys, "identify", "emps", log, *AXIS_LAW, "--model", model)
+        assert code == 4
+        assert answer["ok"] is False
+        assert "result" not in answer
+        texts = [entry["text"] for entry in answer["errors"]]
+        assert {entry["code"] for entry in answer["errors"]} == {"friction.nothing"}
+        assert all("one speed only" in text for text in texts)
+
+
+def test_one_direction_gets_numbers_for_what_it_shows_alone(capsys, tmp_path):
+    time = np.arange(3000) * 4e-3
+    v = 0.06 + 0.05 * np.sin(2.0 * np.pi * 0.4 * time)
+    log = save_axis(tmp_path / "forward.npz", v, 17.0 + 200.0 * v)
+    arguments = ("identify", "emps", log, *AXIS_LAW, "--model", "coulomb-viscous-offset")
+    code, out, err = call(capsys, *arguments)
+    assert code == 0
+    assert "refused: fC: the joint moved in the positive direction only" in out
+    assert "refused: offset" in out
+    assert "direction of motion does not change" in err
+    code, answer = call_json(capsys, *arguments)
+    (joint,) = answer["result"]["joints"]
+    assert [entry["name"] for entry in joint["parameters"]] == ["fV"]
+    assert {entry["name"] for entry in joint["refused"]} == {"fC", "offset"}
+    assert "friction.one-direction" in find_codes(answer)
+
+
+def test_no_low_velocities_get_no_stribeck_velocity(capsys, axis_log):
+    arguments = ("identify", "emps", axis_log, *AXIS_LAW, "--model", "stribeck+offset")
+    code, answer = call_json(capsys, *arguments, "--set", "processing.standstill=0.05")
+    assert code == 0
+    (joint,) = answer["result"]["joints"]
+    assert {"vs", "fS"} <= {entry["name"] for entry in joint["refused"]}
+    assert {"vs", "fS"}.isdisjoint(entry["name"] for entry in joint["parameters"])
+    assert "identify.slow-rows" in find_codes(answer)
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "hint"),
+    [
+        ((*LAW, "--model", "stribek"), "usage.unknown-friction-law", "did you mean stribeck"),
+        ((*LAW, "--estimator", "genetics"), "usage.friction-estimator", "did you mean genetic"),
+        ((*LAW, "--estimator", "ols"), "usage.friction-estimator", "there are varpro"),
+        ((*LAW, "--method", "nlp"), "usage.mixed-options", "--method"),
+        ((*LAW, "--lambda", "3"), "usage.mixed-options", "--lambda"),
+        (("--model", "stribeck"), "usage.mixed-options", "--rows friction"),
+        (("--estimator", "varpro"), "usage.unknown-estimator", "--rows friction"),
+        (("--estimator", "olz"), "usage.unknown-estimator", "ols"),
+    ],
+)
+def test_wrong_options_say_what_is_meant(capsys, axis_log, options, code, hint):
+    exit_code, answer = call_json(capsys, "identify", "emps", axis_log, *options)
+    assert exit_code == 2
+    (error,) = answer["errors"]
+    assert error["code"] == code
+    assert hint in error["text"]
+
+
+def test_elastic_robots_are_told_what_counts_as_friction(capsys, arm_logs):
+    arguments = ("identify", "two_link_elastic", arm_logs[1], *LAW, "--model", "coulomb-viscous-offset")
+    code, answer = call_json(capsys, *arguments)
+    assert code == 0
+    assert "friction.elastic" in find_codes(answer)
+
+
+def test_files_that_exist_are_kept(capsys, axis_log, tmp_path):
+    output = tmp_path / "friction.json"
+    output.write_text("mine")
+    code, answer = call_json(capsys, "identify", "emps", axis_log, *AXIS_LAW, "-o", output)
+    assert (code, find_codes(answer)) == (3, {"output.exists"})
+    assert output.read_text() == "mine"
+
+
+def test_emps_takes_the_law_that_leaves_least(capsys, shared_data, tmp_path):
+    log = shared_data / "emps" / "DATA_EMPS.mat"
+    arguments = ("identify", "emps", log, *LAW)
+    for model, percent in (
+        ("coulomb-viscous-offset", 4.0834),
+        ("stribeck+offset", 3.9468),
+        ("asymmetric", 3.1117),
+        ("asymmetric-stribeck", 2.9325),
+    ):
+        code, answer = call_json(capsys, *arguments, "--model", model)
+        assert code == 0
+        (joint,) = answer["result"]["joints"]
+        assert joint["residual"]["relative_percent"] == pytest.approx(percent, abs=5.1e-5)
+    assert {entry["name"]: round(entry["value"], 4) for entry in joint["parameters"]}["vs"] == 0.0288
+
+
+@pytest.mark.slow
+def test_emps_chooses_the_richest_law_on_blocks_held_back(capsys, shared_data):
+    code, answer = call_json(capsys, "identify", "emps", shared_data / "emps" / "DATA_EMPS.mat", *LAW)
+    assert code == 0
+    (joint,) = answer["result"]["joints"]
+    assert joint["law"] == "asymmetric-stribeck"
+    assert joint["selection"]["trials"][0]["squared_error_ratio"] < 0.52

@@ -1,0 +1,126 @@
+"""Friction of the EMPS axis: the ladder of laws, and the axis simulated from its force alone.
+
+Janot, Gautier, Brunot, "Data set and reference models of EMPS", 2019. Laws and models are chosen by blocks of
+DATA_EMPS held back (`benchmarks/emps_friction.py` tries all of them; here those next to the chosen one).
+DATA_EMPS_PULSES is only ever foretold.
+"""
+
+import numpy as np
+import pytest
+
+from symid.data.readers import read_recording
+from symid.formats.toml import read_robot
+from symid.friction.axis_simulation import AxisModel
+from symid.friction.estimators import fit_friction
+from symid.friction.ladder import (
+    build_axis_run,
+    build_axis_samples,
+    climb_ladder,
+    find_relative_residual,
+)
+from symid.friction.options import FrictionOptions
+from symid.friction.output_error import Window, find_window_rmse
+from symid.friction.output_error_choice import SearchPlan, find_axis_states, fit_whole_run
+from symid.friction.selection import select_law
+from symid.joint.friction_laws import get_law
+
+PLAN = SearchPlan(lengths=(1.5, 3.1, 6.2), shape=(0.03,), restarts=2)
+
+
+@pytest.fixture(scope="module")
+def robot(robots_folder):
+    return read_robot(robots_folder / "emps.toml")
+
+
+@pytest.fixture(scope="module")
+def recordings(shared_data, robot):
+    folder = shared_data / "emps"
+    return [read_recording(folder / name, robot) for name in ("DATA_EMPS.mat", "DATA_EMPS_PULSES.mat")]
+
+
+@pytest.fixture(scope="module")
+def samples(recordings, robot):
+    return [build_axis_samples(recording, robot.processing) for recording in recordings]
+
+
+@pytest.mark.parametrize(
+    ("law", "fitted", "unseen"),
+    [
+        ("coulomb-viscous-offset", "4.0834", "5.9824"),
+        ("stribeck+offset", "3.9468", "5.9047"),
+        ("asymmetric", "3.1117", "5.3649"),
+        # Known as 5.2809, which is what a Stribeck velocity of 0.029 m/s leaves; see the next test.
+        ("asymmetric-stribeck", "2.9325", "5.2810"),
+    ],
+)
+def test_the_ladder_of_laws(samples, law, fitted, unseen):
+    (row,) = climb_ladder(samples[0], samples[1:], (law,))
+    assert f"{row.fitted_percent:.4f}" == fitted
+    assert f"{row.unseen_percent[0]:.4f}" == unseen
+
+
+def test_the_last_step_of_the_ladder(samples):
+    law = get_law("asymmetric-stribeck")
+    best = fit_friction(samples[0], law)
+    assert best.shape[0] == pytest.approx(0.0288, abs=5e-5)
+    # This axis has no break-away bump: static friction lies below Coulomb friction.
+    assert best.linear[-1] == pytest.approx(-3.5, abs=0.05)
+    assert any(notice.code == "friction.static-below-coulomb" for notice in best.notices)
+    rounded = fit_friction(samples[0], law, options=FrictionOptions(bounds=(("vs", (0.029, 0.029)),)))
+    percents = [find_relative_residual(each, law.name, rounded) for each in samples]
+    assert [f"{percent:.4f}" for percent in percents] == ["2.9325", "5.2809"]
+    assert best.objective < rounded.objective
+
+
+def test_blocks_held_back_choose_friction_by_direction(samples):
+    selection = select_law(samples[0], ("coulomb-viscous-offset", "stribeck+offset", "asymmetric"), blocks=4)
+    assert selection.chosen == "asymmetric"
+    held = {trial.law: trial.held_percent for trial in selection.trials}
+    assert held["asymmetric"] < 3.2 < held["stribeck+offset"] < held["coulomb-viscous-offset"]
+
+
+FOUR = AxisModel(law=get_law("coulomb-viscous-offset"))
+CHOSEN = AxisModel(law=get_law("asymmetric"), terms=("drift",))
+PUBLISHED = np.array([95.1089, 203.5034, 20.3935, -3.1648])
+
+
+def foretell(model, values, recording):
+    """Return the error of the position simulated from the force and 20 samples, mm."""
+    run = build_axis_run(recording)
+    return 1e3 * find_window_rmse(model, np.array(values), run, [Window(first=0, last=len(run.force))])
+
+
+@pytest.fixture(scope="module")
+def fits(recordings, robot):
+    run = build_axis_run(recordings[0])
+    states = find_axis_states(run, robot.processing.filter_cutoff)
+    return {
+        model.name: fit_whole_run(model, run, states, PLAN, generator=np.random.default_rng(0))
+        for model in (FOUR, CHOSEN)
+    }
+
+
+def test_the_simulated_axis_follows_the_recording_it_was_fitted_to(fits, recordings):
+    four, chosen = fits[FOUR.name], fits[CHOSEN.name]
+    assert 1e3 * four.rmse < 2.9 < foretell(FOUR, PUBLISHED, recordings[0])
+    assert 1e3 * chosen.rmse < 0.45
+    assert len(chosen.values) == 6
+    # The offset of the drive drifts by half a newton in a run.
+    assert chosen.find_value("drift") == pytest.approx(-0.0227, abs=0.001)
+
+
+def test_the_recording_that_was_not_fitted(fits, recordings):
+    published = foretell(FOUR, PUBLISHED, recordings[1])
+    four = foretell(FOUR, fits[FOUR.name].values, recordings[1])
+    chosen = foretell(CHOSEN, fits[CHOSEN.name].values, recordings[1])
+    # 4.9 mm, 7.5 mm, 8.4 mm.
+    assert chosen < four < published < 9.0
+    assert chosen < 5.5
+
+
+@pytest.mark.parametrize(
+    ("model", "bar"), [(FOUR, 4.35), (CHOSEN, 2.64)], ids=("four parameters", "best network")
+)
+@pytest.mark.xfail(strict=True, reason="not reached: 7.46 mm against 4.35 mm, 4.91 mm against 2.64 mm")
+def test_bars_that_are_not_reached(fits, recordings, model, bar):
+    assert foretell(model, fits[model.name].values, recordings[1]) <= bar

@@ -1,0 +1,316 @@
+"""Friction with a memory against closed forms: break-away, presliding, loops, small motions, limit cycles.
+
+Where a closed form holds in a limit (slow force, stiff bristles), the test goes there and says how near.
+"""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import quad, solve_ivp
+
+from symid.errors import SolverError, UsageError
+from symid.joint.friction_dynamic import (
+    find_bristle_rate,
+    find_bristle_step,
+    find_dynamic_torque,
+    find_steady_torque,
+    get_dynamic_law,
+    is_passive,
+)
+from symid.joint.friction_dynamic_run import build_held_path, find_dynamic_run
+from symid.joint.friction_law import build_float_carrier
+from symid.simulation.friction_rig import (
+    ForceDrive,
+    PositionControl,
+    Rig,
+    RigOptions,
+    SpringDrive,
+    simulate_friction_rig,
+)
+
+DAHL, LUGRE = get_dynamic_law("dahl"), get_dynamic_law("lugre")
+FLOATS = build_float_carrier()
+STIFF = 1e5
+# The paper's own example: mass 1, sigma1 = sqrt(sigma0), static friction half more than Coulomb.
+PAPER = (STIFF, math.sqrt(STIFF), 1.0, 1.5, 0.001, 2.0, 0.4)
+
+
+def find_loop(law, values, amplitude, *, period, count, cycles=3):
+    """Return position and torque over the last of some cycles of a sine."""
+    phase = 2.0 * np.pi * np.arange(cycles * count + 1) / count
+    position = amplitude * np.sin(phase)
+    step = period / count
+    run = find_dynamic_run(law, values, build_held_path(np.diff(position) / step, step))
+    return position[-count - 1 :], run.torque[-count - 1 :]
+
+
+@pytest.mark.parametrize("velocity", [-0.4, -0.002, 1e-4, 0.03])
+def test_the_step_is_the_integral_of_the_rate(velocity):
+    values = (1e4, 80.0, 10.0, 15.0, 0.02, 1.7, 4.0)
+    for law, own in ((LUGRE, values), (DAHL, values[:1] + values[2:3])):
+
+        def rate(_t, z, law=law, own=own):
+            return [find_bristle_rate(FLOATS, law, velocity, float(z[0]), own)]
+
+        solved = solve_ivp(rate, (0.0, 0.05), [2e-4], method="Radau", rtol=1e-11, atol=1e-16)
+        after, _ = find_bristle_step(FLOATS, law, (velocity, 0.05), 2e-4, own)
+        assert after == pytest.approx(solved.y[0, -1], rel=1e-8)
+
+
+@pytest.mark.parametrize("velocity", [-1.0, -0.02, 1e-3, 0.2])
+def test_steady_motion_is_the_static_law(velocity):
+    stiffness, damping, coulomb, static, speed, exponent, viscous = values = (2e4, 90.0, 10.0, 15, 0.02, 2, 4)
+    state = 0.0
+    for _ in range(40):
+        state, torque = find_bristle_step(FLOATS, LUGRE, (velocity, 10.0), state, values)
+    fall = math.exp(-((abs(velocity) / speed) ** exponent))
+    law = math.copysign(coulomb + (static - coulomb) * fall, velocity) + viscous * velocity
+    assert torque == pytest.approx(law, rel=1e-12)
+    assert find_steady_torque(FLOATS, LUGRE, velocity, values) == pytest.approx(law, rel=1e-14)
+    assert state == pytest.approx((law - viscous * velocity) / stiffness, rel=1e-12)
+    assert damping > 0
+
+
+@pytest.mark.parametrize("reach", [0.1, 1.0, 5.0])
+def test_dahls_loop_has_its_height_and_its_area(reach):
+    # From reversal to reversal F = fC - (fC + Fm) exp(-sigma0 (x + A) / fC), closed for
+    # Fm = fC tanh(sigma0 A / fC); the area is 4 fC (A - Fm / sigma0).
+    stiffness, level = values = (2e4, 7.0)
+    amplitude = reach * level / stiffness
+    cycles = math.ceil(5.0 / reach) + 1
+    position, torque = find_loop(DAHL, values, amplitude, period=1.0, count=10_000, cycles=cycles)
+    height = level * math.tanh(stiffness * amplitude / level)
+    assert np.abs(torque).max() == pytest.approx(height, rel=1e-6)
+    area = float(np.sum(0.5 * (torque[1:] + torque[:-1]) * np.diff(position)))
+    assert area == pytest.approx(4.0 * level * (amplitude - height / stiffness), rel=1e-6)
+    up = slice(len(position) // 2 - len(position) // 8, len(position) // 2 + len(position) // 8)
+    going = np.diff(position[up]).mean() > 0
+    assert not going
+    down = -level + (level + height) * np.exp(-stiffness * (amplitude - position[up]) / level)
+    np.testing.assert_allclose(torque[up], down, atol=1e-5 * level)
+
+
+def test_dahl_follows_the_path_not_the_speed():
+    values = (2e4, 7.0)
+    slow = find_loop(DAHL, values, 5e-4, period=1.0, count=2000)
+    fast = find_loop(DAHL, values, 5e-4, period=1e-3, count=2000)
+    np.testing.assert_allclose(slow[1], fast[1], atol=1e-10)
+
+
+@pytest.mark.parametrize("velocity", [1e-9, 1e-7])
+def test_small_motions_are_a_spring_and_a_damper(velocity):
+    stiffness, damping, *_, viscous = PAPER
+    state = 1e-9
+    torque = find_dynamic_torque(FLOATS, LUGRE, velocity, state, PAPER)
+    assert torque == pytest.approx(stiffness * state + (damping + viscous) * velocity, rel=1e-3)
+
+
+def test_a_mass_on_bristles_swings_as_a_damped_oscillator():
+    stiffness, damping, *_, viscous = values = (1e5, 30.0, 1.0, 1.5, 0.001, 2.0, 0.4)
+    speed = 1e-7
+    rig = Rig(law=LUGRE, values=values, mass=2.0)
+    options = RigOptions(duration=0.1, rate=5000.0, velocity=speed, tolerance=1e-12)
+    run = simulate_friction_rig(rig, ForceDrive(force=lambda _t: 0.0), options)
+    decay = (damping + viscous) / (2.0 * rig.mass)
+    omega = math.sqrt(stiffness / rig.mass - decay**2)
+    wanted = speed / omega * np.exp(-decay * run.time) * np.sin(omega * run.time)
+    # What slips is a part z / (g / sigma0) of the way, 3e-5 here, and adds up.
+    np.testing.assert_allclose(run.position, wanted, rtol=0, atol=2e-4 * np.abs(wanted).max())
+
+
+RATES = (0.01, 0.1, 1.0, 10.0)
+
+
+@pytest.fixture(scope="module")
+def pushed():
+    """Return runs under a force that rises at each of the rates in N/s, until just after break-away."""
+    rig = Rig(law=LUGRE, values=PAPER, mass=1.0)
+    runs = []
+    for rate in RATES:
+        drive = ForceDrive(force=lambda time, rate=rate: rate * time)
+        options = RigOptions(duration=1.6 / rate, rate=1000.0 * rate)
+        runs.append(simulate_friction_rig(rig, drive, options))
+    return runs
+
+
+def test_break_away_is_the_static_level_under_a_slow_force_and_falls_with_its_rate(pushed):
+    peaks = [STIFF * float(run.deflection.max()) for run in pushed]
+    assert peaks[0] == pytest.approx(1.5, rel=1e-2)
+    # The bristles are over their peak: they slip.
+    assert all(run.deflection[-1] < run.deflection.max() for run in pushed)
+    assert 1.5 > peaks[0] > peaks[1] > peaks[2] > peaks[3] > 1.0
+
+
+def test_presliding_under_a_slow_force_bends_as_the_logarithm(pushed):
+    # dF/dx = sigma0 (1 - F / fS): x = -fS / sigma0 ln(1 - F / fS); what is missing is sigma1 dz/dt.
+    gaps = []
+    for run in pushed[:3]:
+        sticking = (run.force < 1.35) & (run.force > 0.2)
+        wanted = -1.5 / STIFF * np.log1p(-run.force[sticking] / 1.5)
+        gaps.append(float(np.abs(run.position[sticking] / wanted - 1.0).max()))
+    assert gaps[0] < 3e-4
+    assert gaps[1] == pytest.approx(10.0 * gaps[0], rel=0.1)
+    assert gaps[2] == pytest.approx(100.0 * gaps[0], rel=0.1)
+
+
+def find_slips(run, level):
+    """Return the indices of the peaks of the force above `level`."""
+    force = run.force
+    inner = (force[1:-1] > force[:-2]) & (force[1:-1] >= force[2:]) & (force[1:-1] > level)
+    return np.flatnonzero(inner) + 1
+
+
+@pytest.mark.parametrize("stiffness", [1e5, 1e6])
+def test_stick_slip_has_the_period_and_the_amplitude_of_the_closed_form(stiffness):
+    # Sticks until k u = fS, slips on fC: u swings about fC / k, the force comes down to 2 fC - fS.
+    spring, speed, mass, coulomb, static = 2.0, 0.01, 1.0, 1.0, 1.5
+    values = (stiffness, 0.3 * math.sqrt(stiffness), coulomb, static, 0.001, 2.0, 0.0)
+    omega = math.sqrt(spring / mass)
+    jump = (static - coulomb) / spring
+    slip = 2.0 / omega * (math.pi - math.atan(jump * omega / speed))
+    period = 2.0 * jump / speed + slip
+    options = RigOptions(duration=static / (spring * speed) + 2.5 * period, rate=50.0)
+    drive = SpringDrive(stiffness=spring, speed=speed)
+    run = simulate_friction_rig(Rig(law=LUGRE, values=values, mass=mass), drive, options)
+    peaks = find_slips(run, 1.3)
+    assert len(peaks) == 3
+    np.testing.assert_allclose(np.diff(run.time[peaks]), period, rtol=5e-3)
+    np.testing.assert_allclose(run.force[peaks], static, rtol=5e-3)
+    assert run.force[peaks[0] :].min() == pytest.approx(2.0 * coulomb - static, rel=1e-2)
+    assert np.ptp(run.force[peaks[0] :]) == pytest.approx(2.0 * (static - coulomb), rel=1e-2)
+    find_balance(run)
+
+
+def test_a_pulled_mass_slips_steadily_where_friction_does_not_fall():
+    values = (STIFF, 300.0, 1.0, 1.0, 0.001, 2.0, 0.4)
+    options = RigOptions(duration=120.0, rate=50.0)
+    drive = SpringDrive(stiffness=2.0, speed=0.01)
+    run = simulate_friction_rig(Rig(law=LUGRE, values=values, mass=1.0), drive, options)
+    late = run.time > 90.0
+    np.testing.assert_allclose(run.velocity[late], 0.01, rtol=1e-3)
+    np.testing.assert_allclose(run.force[late], 1.0 + 0.4 * 0.01, rtol=1e-3)
+
+
+def find_hunting(static):
+    values = (*PAPER[:3], static, *PAPER[4:])
+    control = PositionControl(proportional=3.0, integral=4.0, derivative=6.0, target=lambda _t: 1.0)
+    options = RigOptions(duration=150.0, rate=50.0)
+    return simulate_friction_rig(Rig(law=LUGRE, values=values, mass=1.0), control, options)
+
+
+def test_integral_control_hunts_where_static_friction_is_more_and_only_there():
+    hunting, calm = find_hunting(1.5), find_hunting(1.0)
+    middle, late = (hunting.time > 50) & (hunting.time <= 100), hunting.time > 100
+    ranges = [float(np.ptp(hunting.position[part])) for part in (middle, late)]
+    assert ranges[0] > 0.02
+    assert ranges[1] == pytest.approx(ranges[0], rel=0.05)
+    swings = [float(np.abs(calm.position[part] - 1.0).max()) for part in (middle, late)]
+    assert swings[1] < 0.6 * swings[0]
+    assert swings[1] < 0.1 * ranges[1]
+    find_balance(hunting)
+
+
+def find_balance(run):
+    """Check that the energies of a run close."""
+    gap = run.energy - run.energy[0] - run.work + run.loss
+    assert np.abs(gap).max() < 1e-6 * max(np.abs(run.work).max(), run.energy.max())
+
+
+def test_a_passive_law_never_gives_energy_back():
+    values = (1e4, 80.0, 10.0, 15.0, 0.02, 1.7, 40.0)
+    assert is_passive(LUGRE, values)
+    drive = ForceDrive(
+        force=lambda t: 25.0 * math.sin(7.0 * t) * math.sin(1.3 * t) + 3.0 * math.sin(90.0 * t)
+    )
+    run = simulate_friction_rig(
+        Rig(law=LUGRE, values=values, mass=1.5), drive, RigOptions(duration=6.0, tolerance=1e-10)
+    )
+    find_balance(run)
+    assert np.diff(run.loss).min() > -1e-9 * run.loss[-1]
+
+
+@pytest.mark.parametrize("law", [DAHL, LUGRE], ids=["dahl", "lugre"])
+def test_any_closed_way_costs_energy(law):
+    values = (1e4, 10.0) if law is DAHL else (1e4, 20.0, 10.0, 15.0, 0.02, 2.0, 10.0)
+    generator = np.random.default_rng(3)
+    for _ in range(10):
+        weights, phases = generator.normal(size=5), generator.uniform(0, 2 * np.pi, 5)
+        time = np.arange(3 * 4000 + 1) / 4000
+        position = 1e-3 * sum(
+            w * np.sin(2 * np.pi * (k + 1) * time + p)
+            for k, (w, p) in enumerate(zip(weights, phases, strict=True))
+        )
+        run = find_dynamic_run(law, values, build_held_path(np.diff(position) * 4000, 1 / 4000))
+        work = run.torque * np.diff(position)
+        assert work[-4000:].sum() > 0
+
+
+def test_storage_and_loss_of_a_held_step_make_up_the_work():
+    # Dahl from straight bristles at a held speed: F = fC (1 - exp(-sigma0 x / fC)).
+    stiffness, level = 2e4, 7.0
+    reach = 4e-4
+    work, _ = quad(lambda x: level * -math.expm1(-stiffness * x / level), 0.0, reach)
+    drive = SpringDrive(stiffness=1e9, damping=1e5, speed=1e-3)
+    rig = Rig(law=DAHL, values=(stiffness, level), mass=1e-3)
+    run = simulate_friction_rig(rig, drive, RigOptions(duration=0.4, rate=1000.0, velocity=1e-3))
+    assert run.position[-1] == pytest.approx(reach, rel=1e-4)
+    stored = 0.5 * stiffness * run.deflection[-1] ** 2
+    assert run.loss[-1] + stored == pytest.approx(work, rel=1e-3)
+    find_balance(run)
+
+
+def test_fixed_steps_of_the_law_and_the_adaptive_rig_agree():
+    # Leapfrog with the exact step of the law, halved until it shows its order, against the integrator.
+    mass, values = 1.0, (1e4, 50.0, 1.0, 1.5, 0.01, 2.0, 0.4)
+
+    def force(time):
+        return 1.4 * math.sin(2.0 * time) + 0.8 * math.sin(9.0 * time)
+
+    options = RigOptions(duration=2.0, rate=100.0, tolerance=1e-11)
+    run = simulate_friction_rig(Rig(law=LUGRE, values=values, mass=mass), ForceDrive(force=force), options)
+    gaps = []
+    for parts in (40, 80):
+        step = 0.01 / parts
+        position, velocity, state, gap = 0.0, 0.0, 0.0, 0.0
+        for k, inner in itertools.product(range(200), range(parts)):
+            middle = (k * parts + inner + 0.5) * step
+            state, _ = find_bristle_step(FLOATS, LUGRE, (velocity, 0.5 * step), state, values)
+            position += 0.5 * step * velocity
+            # Middle of the velocity by two passes: friction depends on it.
+            ahead = velocity
+            for _ in range(4):
+                friction = find_dynamic_torque(FLOATS, LUGRE, 0.5 * (velocity + ahead), state, values)
+                ahead = velocity + step * (force(middle) - friction) / mass
+            velocity = ahead
+            state, _ = find_bristle_step(FLOATS, LUGRE, (velocity, 0.5 * step), state, values)
+            position += 0.5 * step * velocity
+            if inner == parts - 1:
+                gap = max(gap, abs(position - run.position[k + 1]))
+        gaps.append(gap / np.abs(run.position).max())
+    assert gaps[1] < 1e-4
+    assert gaps[1] < 0.35 * gaps[0]
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"duration": 0.0}, {"rate": -1.0}, {"duration": 1e-5}, {"tolerance": 0.0}, {"substep": 0.0}],
+    ids=str,
+)
+def test_times_that_do_not_fit_are_refused(wrong):
+    with pytest.raises(UsageError, match="must be positive") as caught:
+        RigOptions(**{"duration": 1.0, **wrong})
+    assert caught.value.notices[0].code == "simulate.friction-rig"
+
+
+def test_a_rig_without_mass_is_refused():
+    with pytest.raises(UsageError, match="mass on the friction must be positive, got 0"):
+        Rig(law=DAHL, values=(1e4, 1.0), mass=0.0)
+
+
+def test_a_motion_that_grows_without_bound_is_told():
+    rig = Rig(law=DAHL, values=(1e4, 1.0), mass=1.0)
+    control = PositionControl(proportional=-1e8, integral=0.0, derivative=-1e6, target=lambda _t: 1.0)
+    with pytest.raises(SolverError, match="could not be simulated"):
+        simulate_friction_rig(rig, control, RigOptions(duration=10.0, rate=10.0))

@@ -1,0 +1,131 @@
+"""Generated C of every static friction law against NumPy and against 40 digits."""
+
+import ctypes
+import subprocess
+
+import mpmath
+import numpy as np
+import pytest
+
+from symid.codegen.compiler import find_compiler
+from symid.codegen.friction_c import build_law_program, generate_friction_laws
+from symid.joint.friction_law import OperatorFriction, find_columns
+from symid.joint.friction_laws import FRICTION_LAWS, get_law, with_offset
+
+STRICT = "-std=c99 -O2 -fPIC -shared -Wall -Wextra -Wpedantic -Wconversion -Wshadow -Wdouble-promotion"
+FURTHER = ("stribeck-2.09", "improved-stribeck-h4-exponent", "position-dependent-1,3x100.5")
+LAWS = (
+    *FRICTION_LAWS.values(),
+    *map(get_law, FURTHER),
+    with_offset(get_law("makkar")),
+    get_law("stribeck", smoothing=0.02),
+    get_law("asymmetric", smoothing=0.003),
+)
+EXACT = OperatorFriction(
+    zero=mpmath.mpf(0),
+    one=mpmath.mpf(1),
+    exp=mpmath.exp,
+    tanh=mpmath.tanh,
+    sin=mpmath.sin,
+    cos=mpmath.cos,
+    sign=mpmath.sign,
+    absolute=abs,
+    maximum=max,
+    minimum=min,
+)
+
+
+def name_of(law, prefix="symid"):
+    return f"{prefix}_friction_{build_law_program(law).spec.name}"
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory):
+    compiler = find_compiler()
+    if compiler is None:
+        pytest.skip("no C compiler")
+    folder = tmp_path_factory.mktemp("laws")
+    for path, text in generate_friction_laws(LAWS):
+        (folder / path).write_text(text, encoding="utf-8")
+    flags = [*STRICT.split(), "-Wmissing-prototypes", "-Werror"]
+    command = [compiler.path, *flags, "symid_friction_laws.c", "-o", "laws.so", "-lm"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert not done.returncode, done.stderr
+    return ctypes.CDLL(str(folder / "laws.so"))
+
+
+def draw(law, rng, count):
+    """Return inputs (count,) and physical values, speeds over all scales of the law, rest and edges too."""
+    special = {"vs": (0.005, 0.1), "gamma": (0.5, 4.0), "dq0": (0.002, 0.03), "dqs": (0.0, 0.03)}
+    special |= {"delta": (0.2, 2.0), "g2": (50, 200), "g3": (5, 50), "g5": (50, 200), "fL": (0, 0.1)}
+    special |= {"fLS": (0, 0.1)}
+    values = [rng.uniform(*special.get(p.name, (0.5, 40.0))) for p in law.physical]
+    speeds = rng.choice([-1.0, 1.0], count) * 10.0 ** rng.uniform(-5, 0.5, count)
+    named = {p.name: value for p, value in zip(law.physical, values, strict=True)}
+    speeds[:2] = (0.0, named.get("dq0", 0.1))
+    # Of a motor's angle only some turns: an angle's own rounding grows with the turns.
+    turn = 0.04 if "x100" in law.name else 4.0
+    inputs = {"velocity": speeds, "load": rng.uniform(-50, 50, count)}
+    inputs["position"] = rng.uniform(-turn, turn, count)
+    return {name: inputs[name] for name in law.inputs}, values
+
+
+def call(library, law, inputs, values):
+    function = getattr(library, name_of(law))
+    function.restype = ctypes.c_double
+    parameters = (ctypes.c_double * len(values))(*values)
+    arrays = [inputs[name] for name in law.inputs]
+    return np.array([function(*map(ctypes.c_double, row), parameters) for row in zip(*arrays, strict=True)])
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: name_of(law, ""))
+def test_c_equals_numpy_and_forty_digits(compiled, law):
+    rng = np.random.default_rng(7)
+    for _ in range(20):
+        inputs, values = draw(law, rng, 50)
+        linear, shape = law.from_physical(values)
+        terms = find_columns(law, inputs, shape) * np.array(linear)
+        largest = np.maximum(np.abs(terms).max(axis=1), 1e-300)
+        if law.name.startswith("makkar"):
+            # Its first term is a difference of two hyperbolic tangents.
+            largest = np.maximum(largest, linear[0] * np.abs(np.tanh(shape[0] * inputs["velocity"])))
+        found = call(compiled, law, inputs, values)
+        assert np.max(np.abs(found - terms.sum(axis=1)) / largest) < 1e-14
+        with mpmath.workdps(40):
+            for k in range(0, 50, 7):
+                point = {name: mpmath.mpf(float(array[k])) for name, array in inputs.items()}
+                mixed = [
+                    sum(a * mpmath.mpf(b) for a, b in zip(row, values, strict=True)) for row in law.unmixing
+                ]
+                count = len(linear)
+                columns = law.columns(EXACT, point, mixed[count:])
+                exact = sum(c * column for c, column in zip(mixed, columns, strict=False))
+                assert abs(found[k] - float(exact)) / largest[k] < 1e-14
+
+
+def test_single_precision_has_no_double_in_it(tmp_path):
+    compiler = find_compiler()
+    if compiler is None:
+        pytest.skip("no C compiler")
+    for path, text in generate_friction_laws(LAWS, prefix="arm", precision="float"):
+        assert "double" not in text
+        (tmp_path / path).write_text(text, encoding="utf-8")
+    command = [compiler.path, *STRICT.split(), "-Werror", "arm_friction_laws.c", "-o", "laws.so", "-lm"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert not done.returncode, done.stderr
+    library = ctypes.CDLL(str(tmp_path / "laws.so"))
+    function = library.arm_friction_stribeck
+    function.restype = ctypes.c_float
+    torque = function(ctypes.c_float(0.02), (ctypes.c_float * 4)(11.0, 23.0, 0.03, 28.0))
+    assert torque == pytest.approx(11 + 12 * np.exp(-4 / 9) + 0.56, rel=1e-6)
+
+
+def test_names_in_c_are_distinct_and_the_header_names_every_parameter():
+    (_, header), (_, source) = generate_friction_laws(LAWS)
+    names = [name_of(law) for law in LAWS]
+    assert len(set(names)) == len(names)
+    for law in LAWS:
+        declaration = f"double {name_of(law)}("
+        assert header.count(declaration) == source.count(declaration) == 1
+        for k, parameter in enumerate(law.physical):
+            assert f"p[{k}] {parameter.name} (" in header

@@ -1,0 +1,243 @@
+"""Friction with a memory, found again: LuGre and Dahl from a simulated rig, with noise of one per cent.
+
+The data come from the rig's adaptive integrator, not from the step that the fit uses.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symid.errors import IdentifiabilityError, UsageError
+from symid.friction.estimate import FrictionOutcome
+from symid.friction.presliding import PreslidingOptions, fit_presliding
+from symid.friction.presliding_problem import build_path
+from symid.friction.samples import FrictionSamples
+from symid.joint.friction_dynamic import get_dynamic_law
+from symid.joint.friction_dynamic_run import find_dynamic_run
+from symid.simulation.friction_rig import PositionControl, Rig, RigOptions, simulate_friction_rig
+
+NOISE = 0.01
+MASS = 2.0
+TRUTHS = {
+    "lugre": (1e4, 100.0, 10.0, 15.0, 0.01, 2.0, 25.0),
+    "stiff": (1e5, 300.0, 40.0, 55.0, 0.005, 2.0, 60.0),
+    "flat": (1e4, 100.0, 10.0, 10.0, 0.01, 2.0, 25.0),
+    "dahl": (1e4, 10.0),
+}
+
+
+def build_target(bend, speed, *, slides):
+    """Return a motion: bristles bent slowly and fast without slip, then sines at 1.5 and 20 times `speed`."""
+    pieces = [(1.5 * bend, 1.0), (1.5 * bend, 8.0)]
+    if slides:
+        pieces += [(1.5 * speed / (2.0 * np.pi * 0.5), 0.5), (20.0 * speed / (2.0 * np.pi), 1.0)]
+
+    def target(time):
+        amplitude, frequency = pieces[min(int(time / 2.0), len(pieces) - 1)]
+        return amplitude * np.sin(2.0 * np.pi * frequency * time)
+
+    return target
+
+
+@pytest.fixture(scope="module")
+def motions():
+    """Return a function that simulates a truth once."""
+    made = {}
+
+    def simulate(name, *, slides=True, rate=500.0):
+        key = (name, slides, rate)
+        if key not in made:
+            values = TRUTHS[name]
+            law = get_dynamic_law("dahl" if name == "dahl" else "lugre")
+            named = dict(zip(law.names, values, strict=True))
+            target = build_target(named["fC"] / named["sigma0"], named.get("vs", 0.01), slides=slides)
+            gain = 3.0 * named["sigma0"]
+            control = PositionControl(
+                proportional=gain, integral=0.0, derivative=1.4 * np.sqrt(gain * MASS), target=target
+            )
+            options = RigOptions(duration=10.0 if slides else 4.0, rate=rate)
+            made[key] = (
+                law,
+                named,
+                simulate_friction_rig(Rig(law=law, values=values, mass=MASS), control, options),
+            )
+        return made[key]
+
+    return simulate
+
+
+def build_samples(log, seed, *, with_mass=False, **changes):
+    """Return what is measured: torque with noise of one per cent of its RMS."""
+    noise = NOISE * np.sqrt(np.mean(log.friction**2)) * np.random.default_rng(seed).normal(size=log.time.size)
+    fields = {
+        "joint": "axis",
+        "time": log.time,
+        "velocity": log.velocity,
+        "position": log.position,
+        "torque": (log.force if with_mass else log.friction) + noise,
+        "extra": log.acceleration[:, None] if with_mass else np.zeros((log.time.size, 0)),
+        "extra_names": ("M",) if with_mass else (),
+        "extra_units": ("kg",) if with_mass else (),
+        "prismatic": True,
+    }
+    return FrictionSamples(**{**fields, **changes})
+
+
+def check_recovered(found, named):
+    for name, truth in named.items():
+        if name == "gamma":
+            continue
+        assert found.get_value(name) == pytest.approx(truth, rel=0.05), name
+        assert abs(found.get_value(name) - truth) < 4.0 * found.get_std(name), name
+
+
+@pytest.mark.parametrize("name", ["lugre", "stiff", "dahl"])
+def test_all_parameters_come_back_within_five_per_cent(motions, name):
+    law, named, run = motions(name)
+    found = fit_presliding(build_samples(run, 1), law)
+    assert found.outcome is FrictionOutcome.CONVERGED
+    assert (found.refused, found.notices) == ((), ())
+    check_recovered(found, named)
+    wanted = NOISE * np.sqrt(np.mean(run.friction**2))
+    assert found.sigma == pytest.approx(wanted, rel=0.05)
+    units = {entry.name: entry.unit for entry in found.parameters}
+    assert units["sigma0"] == "N/m"
+    assert found.samples == run.time.size
+
+
+@pytest.mark.parametrize("name", ["lugre", "dahl"])
+def test_the_mass_is_found_beside_them(motions, name):
+    law, named, run = motions(name)
+    found = fit_presliding(build_samples(run, 2, with_mass=True), law)
+    check_recovered(found, named)
+    assert found.get_value("M") == pytest.approx(MASS, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    "fixed",
+    [(), (("gamma", 2.0), ("fC", 10.0), ("fS", 15.0), ("vs", 0.01), ("fV", 25.0))],
+    ids=["none", "most"],
+)
+def test_what_is_fixed_is_a_choice(motions, fixed):
+    law, named, run = motions("lugre")
+    found = fit_presliding(build_samples(run, 1), law, PreslidingOptions(fixed=fixed))
+    fitted = [name for name in named if name not in dict(fixed)]
+    assert [entry.name for entry in found.parameters] == fitted
+    for name in fitted:
+        assert found.get_value(name) == pytest.approx(named[name], rel=0.05), name
+    assert found.fixed == fixed
+
+
+def test_an_exponent_that_the_data_want_beyond_its_bound_is_told(motions):
+    law, _, run = motions("lugre")
+    samples = build_samples(run, 1)
+    wide = replace(law, parameters=tuple(replace(entry, upper=np.inf) for entry in law.parameters))
+    sharp = find_dynamic_run(wide, (1e4, 100.0, 10.0, 15.0, 0.01, 9.0, 25.0), build_path(samples)).torque
+    noise = 0.1 * np.random.default_rng(1).normal(size=sharp.size)
+    found = fit_presliding(build_samples(run, 1, torque=sharp + noise), law, PreslidingOptions(fixed=()))
+    exponent = next(entry for entry in found.parameters if entry.name == "gamma")
+    assert exponent.value == pytest.approx(4.0, rel=1e-4)
+    assert exponent.reason == "at its bound, 4"
+
+
+def test_an_encoder_and_a_noisy_velocity_do_not_matter(motions):
+    # One micrometre, a thousandth of the presliding way; one per cent of the velocity's RMS.
+    law, named, run = motions("lugre")
+    noise = np.random.default_rng(9).normal(size=run.time.size) * NOISE * np.sqrt(np.mean(run.velocity**2))
+    position = np.round(run.position / 1e-6) * 1e-6
+    found = fit_presliding(build_samples(run, 1, position=position, velocity=run.velocity + noise), law)
+    for name in ("sigma0", "sigma1", "fC", "fS", "vs", "fV"):
+        assert found.get_value(name) == pytest.approx(named[name], rel=0.05), name
+
+
+def test_two_recordings_and_a_filter(motions):
+    law, named, run = motions("dahl")
+    half = run.time.size
+    twice = {
+        "time": np.tile(run.time, 2),
+        "velocity": np.tile(run.velocity, 2),
+        "position": np.tile(run.position, 2),
+        "torque": np.concatenate([build_samples(run, seed).torque for seed in (3, 4)]),
+        "extra": np.zeros((2 * half, 0)),
+        "run": np.repeat([0.0, 1.0], half),
+        # Means of pairs: linear, and shorter.
+        "reduce": lambda columns: 0.5 * (columns[0::2] + columns[1::2]),
+    }
+    found = fit_presliding(build_samples(run, 3, **twice), law)
+    check_recovered(found, named)
+    assert found.samples == half
+
+
+def test_without_slip_the_law_of_slip_gets_a_sentence_and_no_number(motions):
+    law, named, run = motions("lugre")
+    short = slice(0, 400)
+    small = 0.02 * run.position[short]
+    changes = {name: getattr(run, name)[short] for name in ("time",)}
+    # A spring and a damper, nothing else: what bristles far from slip are.
+    speed = 0.02 * run.velocity[short]
+    torque = named["sigma0"] * small + (named["sigma1"] + named["fV"]) * speed
+    noise = 1e-2 * np.abs(torque).max() * np.random.default_rng(0).normal(size=400)
+    changes |= {"velocity": speed, "position": small, "torque": torque + noise, "extra": np.zeros((400, 0))}
+    found = fit_presliding(build_samples(run, 0, **changes), law)
+    refused = dict(found.refused)
+    assert {"fS", "vs"} <= set(refused)
+    assert found.get_value("fS") is None
+    assert "break away slowly" in refused["fS"]
+    # Where nothing slips, fC may grow without end.
+    assert found.outcome in {FrictionOutcome.SOME_REFUSED, FrictionOutcome.LIMIT}
+    assert found.get_value("sigma0") == pytest.approx(named["sigma0"], rel=0.01)
+
+
+def test_where_friction_does_not_fall_the_stribeck_velocity_gets_no_number(motions):
+    law, named, run = motions("flat")
+    found = fit_presliding(build_samples(run, 5), law)
+    assert found.get_value("vs") is None
+    assert "static and Coulomb friction do not differ" in dict(found.refused)["vs"]
+    assert found.notices == ()
+    for name in ("sigma0", "sigma1", "fC"):
+        assert found.get_value(name) == pytest.approx(named[name], rel=0.05)
+
+
+def test_static_friction_below_coulomb_is_told(motions):
+    law, named, run = motions("lugre")
+    rising = (1e4, 100.0, 10.0, 7.0, 0.01, 2.0, 25.0)
+    samples = build_samples(run, 6)
+    torque = find_dynamic_run(law, rising, build_path(samples)).torque
+    noise = 0.05 * np.random.default_rng(6).normal(size=torque.size)
+    found = fit_presliding(build_samples(run, 6, torque=torque + noise), law)
+    assert found.get_value("fS") == pytest.approx(7.0, rel=0.05)
+    assert [notice.code for notice in found.notices] == ["friction.presliding-static"]
+    assert "does not fall with speed" in found.notices[0].text
+    assert named["fS"] == 15.0
+
+
+def test_a_coarse_log_is_told_to_have_few_presliding_samples(motions):
+    law, _, run = motions("dahl")
+    coarse = slice(2000, None, 100)
+    names = ("time", "velocity", "position")
+    changes = {name: getattr(run, name)[coarse] for name in names}
+    changes |= {"torque": run.friction[coarse], "extra": np.zeros((len(run.time[coarse]), 0))}
+    found = fit_presliding(build_samples(run, 0, **changes), law)
+    assert [notice.code for notice in found.notices] == ["friction.presliding-few"]
+    assert "sample faster" in found.notices[0].text
+
+
+@pytest.mark.parametrize("position", [None, np.ones(5001)], ids=["none", "constant"])
+def test_without_positions_nothing_is_fitted(motions, position):
+    law, _, run = motions("dahl")
+    with pytest.raises(IdentifiabilityError, match="have no position, or nothing moves") as caught:
+        fit_presliding(build_samples(run, 0, position=position), law)
+    assert caught.value.notices[0].code == "friction.presliding-position"
+
+
+def test_times_that_stand_still_and_empty_options_are_refused(motions):
+    law, _, run = motions("dahl")
+    with pytest.raises(UsageError, match="times must increase") as caught:
+        fit_presliding(build_samples(run, 0, time=np.zeros(run.time.size)), law)
+    assert caught.value.notices[0].code == "friction.presliding-time"
+    with pytest.raises(UsageError, match="all parameters of 'dahl' are fixed"):
+        fit_presliding(build_samples(run, 0), law, PreslidingOptions(fixed=(("sigma0", 1e4), ("fC", 10.0))))
+    with pytest.raises(UsageError, match="at least 1") as caught:
+        PreslidingOptions(starts=0)
+    assert caught.value.notices[0].code == "friction.presliding-options"

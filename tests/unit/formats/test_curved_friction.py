@@ -1,0 +1,118 @@
+"""Curved friction in robot files: read, refused, written, set."""
+
+import pytest
+
+from symid.errors import RobotError, UsageError
+from symid.formats.joint_friction import FRICTION_PARAMETERS, FRICTION_SHAPES, find_friction_unit
+from symid.formats.overrides import override_robot
+from symid.formats.toml import parse_robot
+from symid.formats.urdf_writer import write_urdf
+from symid.formats.writer import write_robot
+from symid.notation import find_unit
+from symid.robot.description import CurvedFriction, FrictionKind
+
+HEAD = """
+name = "one"
+convention = "modified"
+gravity = [0, 0, -9.81]
+
+[[joint]]
+name = "a"
+kind = "{kind}"
+
+[joint.friction]
+"""
+
+
+def parse(friction, kind="revolute"):
+    return parse_robot(HEAD.format(kind=kind) + friction)
+
+
+@pytest.mark.parametrize("kind", list(CurvedFriction), ids=lambda kind: kind.value)
+def test_every_curved_model_is_read_and_written(kind):
+    names = FRICTION_PARAMETERS[kind]
+    keys = FRICTION_SHAPES.get(kind, ())
+    lines = [f'model = "{kind.value}"', *(f"{name} = {k + 1}.5" for k, name in enumerate(names))]
+    lines += [f"{key.name} = 0.{k + 3}" for k, key in enumerate(keys)]
+    steps = kind not in {CurvedFriction.IMPROVED_STRIBECK, CurvedFriction.MAKKAR}
+    robot = parse("\n".join([*lines, *(["smoothing = 0.01"] if steps else [])]))
+    friction = robot.joints[0].friction
+    assert friction.kind is kind
+    assert friction.values == tuple(k + 1.5 for k in range(len(names)))
+    assert friction.shape == tuple(float(f"0.{k + 3}") for k in range(len(keys)))
+    assert friction.smoothing == (0.01 if steps else 0.0)
+    assert parse_robot(write_robot(robot)).joints[0].friction == friction
+    unknown = parse("\n".join([lines[0], *lines[1 + len(names) :]])).joints[0].friction
+    assert unknown.values is None
+    assert unknown.shape == friction.shape
+
+
+def test_the_exponent_is_two_where_the_file_is_silent():
+    friction = parse('model = "stribeck"\nvs = 0.05').joints[0].friction
+    assert friction.shape == (0.05, 2.0)
+
+
+def test_signs_that_are_allowed_and_those_that_are_warned_of():
+    quiet = parse('model = "stribeck"\nFv = 1\nFc = 2\nFe = -0.5\nvs = 0.05')
+    assert not quiet.notices
+    loud = parse('model = "power_law"\nFc = 2\nFd = -0.5\ndelta = 0.5')
+    assert [notice.code for notice in loud.notices] == ["robot.negative-friction"]
+
+
+@pytest.mark.parametrize(
+    ("friction", "kind", "code", "text"),
+    [
+        ('model = "stribeck"', "revolute", "robot.missing-key", "needs it as a number in rad/s"),
+        ('model = "stribeck"', "prismatic", "robot.missing-key", "needs it as a number in m/s"),
+        (
+            'model = "power_law"',
+            "revolute",
+            "robot.missing-key",
+            'the model "power_law" needs it as a number',
+        ),
+        ('model = "stribeck"\nvs = 0', "revolute", "robot.out-of-range", "vs"),
+        ('model = "cubic"\nvs = 0.1', "revolute", "robot.friction-values", "its shape values: none"),
+        (
+            'model = "stribeck"\nvs = 0.1\ndq0 = 1',
+            "revolute",
+            "robot.friction-values",
+            "shape values: vs, gamma",
+        ),
+        ('model = "stribeck"\nvs = 0.1\nFe = 1', "revolute", "robot.friction-values", "without Fv, Fc"),
+        (
+            'model = "improved_stribeck"\nvs = 0.1\ndq0 = 0.01\nsmoothing = 0.1',
+            "revolute",
+            "robot.friction-values",
+            "has no step at standstill",
+        ),
+        ('model = "cubic"\nFe = 1', "revolute", "robot.friction-values", "its values are Fv, Fc, Fvq, Fvc"),
+    ],
+)
+def test_what_is_refused(friction, kind, code, text):
+    with pytest.raises(RobotError, match=text) as caught:
+        parse(friction, kind)
+    assert code in [notice.code for notice in caught.value.notices]
+
+
+def test_a_curved_model_can_be_set_where_its_shape_is_known():
+    robot = parse('model = "stribeck"\nFv = 1\nFc = 2\nFe = 0.5\nvs = 0.05')
+    assert override_robot(robot, (), "stribeck").joints == robot.joints
+    assert override_robot(robot, (), "cubic").joints[0].friction.kind is CurvedFriction.CUBIC
+    plain = override_robot(robot, (), "viscous_coulomb")
+    assert plain.joints[0].friction.kind is FrictionKind.VISCOUS_COULOMB
+    with pytest.raises(UsageError, match=r"needs vs, gamma of joint 'a'.*into the robot file") as caught:
+        override_robot(plain, (), "stribeck")
+    assert caught.value.notices[0].code == "usage.friction-shape"
+
+
+def test_units_are_those_of_the_notation():
+    for names in FRICTION_PARAMETERS.values():
+        for name in names:
+            for prismatic in (False, True):
+                written = find_friction_unit(name, prismatic=prismatic)
+                assert written.replace("*", " ") == find_unit(name, prismatic=prismatic)
+
+
+def test_a_urdf_says_what_it_leaves_out():
+    text = write_urdf(parse('model = "stribeck"\nFv = 1\nFc = 2\nFe = 0.5\nvs = 0.05'))
+    assert "friction model stribeck, values 1.0 2.0 0.5, shape 0.05 2.0" in text

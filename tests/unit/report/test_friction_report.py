@@ -1,0 +1,91 @@
+"""The report of friction: its verdict, curves with their band, tables; nothing from elsewhere."""
+
+from dataclasses import fields, replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from symid.friction.identify import FrictionTask, identify_friction
+from symid.joint.friction_law import find_torque
+from symid.joint.friction_laws import get_law
+from symid.report.friction import FrictionPage, build_friction_report, write_friction_report
+from symid.report.friction_cloud import build_friction_figure, find_friction_curve
+from symid.report.templates import find_variables
+from tests.recovery.closed_form import build_two_link
+from tests.unit.friction.cosine_rigs import RAW, STRIBECK, record
+
+FEW = ("coulomb-viscous-offset", "stribeck+offset")
+
+
+@pytest.fixture(scope="module")
+def found():
+    recordings = (record(0.15), record(1.0, seed=1), record(1.0, pose=(0.3, 1.2), seed=2))
+    return identify_friction(build_two_link(), recordings, RAW, FrictionTask(candidates=FEW))
+
+
+class _Checker(HTMLParser):
+    """Counts elements, and keeps what they load."""
+
+    def __init__(self):
+        super().__init__()
+        self.count, self.loaded = {}, []
+
+    def handle_starttag(self, tag, attrs):
+        self.count[tag] = self.count.get(tag, 0) + 1
+        self.loaded += [value for name, value in attrs if name in {"src", "href"}]
+
+
+def test_the_template_and_the_page_agree():
+    assert find_variables("friction.html.jinja") == {entry.name for entry in fields(FrictionPage)}
+
+
+def test_the_page_tells_all_and_loads_nothing(found, tmp_path):
+    text = write_friction_report(tmp_path / "page.html", found).read_text()
+    checker = _Checker()
+    checker.feed(text)
+    assert checker.loaded == []
+    assert "script" not in checker.count
+    assert checker.count["svg"] >= 2
+    for expected in (
+        "joint1: stribeck+offset",
+        "does not depend on the pose",
+        "taken",
+        "Joints without a law",
+    ):
+        assert expected.lower() in text.lower()
+    assert write_friction_report(tmp_path / "again.html", found).read_text() == text
+
+
+def test_the_band_holds_the_true_curve(found):
+    (joint,) = found.joints
+    curve = find_friction_curve(joint)
+    law = get_law("stribeck+offset")
+    linear, shape = law.from_physical([STRIBECK[entry.name] for entry in law.physical])
+    truth = find_torque(law, {"velocity": curve.velocity}, linear, shape)
+    assert np.all(np.diff(curve.velocity) > 0.0)
+    # Two of three at least: neighbours along the curve err together.
+    assert np.mean(np.abs(curve.torque - truth) <= curve.half_width) > 0.66
+    assert curve.half_width.max() < 0.3
+
+
+def test_the_verdict_weighs_what_was_held_back_and_refused(found):
+    assert build_friction_report(found).verdict.level == "good"
+    (joint,) = found.joints
+    named = replace(found, joints=(replace(joint, selection=None),))
+    verdict = build_friction_report(named).verdict
+    assert verdict.level == "fair"
+    assert "nothing that was held back has tested it" in verdict.headline
+    large = replace(joint, residual=replace(joint.residual, relative_percent=40.0))
+    assert build_friction_report(replace(found, joints=(large,))).verdict.level == "poor"
+    less = replace(joint, estimate=replace(joint.estimate, refused=(("vs", "too fast"),)))
+    verdict = build_friction_report(replace(found, joints=(less,))).verdict
+    assert verdict.level == "fair"
+    assert "vs of joint1" in verdict.headline
+
+
+def test_a_figure_says_what_it_shows(found):
+    text = build_friction_figure(found.joints[0])
+    assert text.startswith("<svg")
+    assert "friction (N m)" in text
+    assert text.count('class="bar"') == 600

@@ -1,0 +1,129 @@
+"""The study as a whole, and what it says of its own claims."""
+
+from dataclasses import replace
+
+import pytest
+
+from symid.errors import UsageError
+from symid.study import friction_study
+from symid.study.friction_agreement import Contest, EstimatorRun
+from symid.study.friction_checks import find_checks, find_gain_sentence
+from symid.study.friction_gains import MeanGain
+from symid.study.friction_study import study_friction
+
+GAIN = MeanGain(mean=15.0, deviation=1.0, rms=7.0, held_out=14.0, paper=16.3, miss=-1.3)
+
+
+@pytest.fixture(scope="module")
+def contest():
+    run = EstimatorRun(
+        estimator="varpro",
+        values=(1.0,),
+        objective=1.0,
+        excess=0.0,
+        evaluations=10,
+        solves=20,
+        iterations=3,
+        seconds=0.1,
+        outcome="done",
+        history=(1.0,),
+        reason="",
+    )
+    return Contest(title="a contest", law="stribeck", samples=100, names=("fC",), runs=(run,))
+
+
+@pytest.fixture(scope="module")
+def study(contest):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(friction_study, "run_contest", lambda *_: contest)
+        yield study_friction(range(3, 6), jobs=1)
+
+
+def test_one_draw_has_no_spread():
+    with pytest.raises(UsageError) as caught:
+        study_friction(range(1))
+    assert caught.value.notices[0].code == "usage.friction-draws"
+
+
+def test_all_parts_are_there(study):
+    assert study.seeds == (3, 5)
+    assert [entry.sweep.peak for entry in study.agreement] == [0.5, 0.1, 0.3]
+    assert [entry.joint for entry in study.recovery] == ["1", "2", "3"]
+    assert [entry.joint for entry in study.second] == [f"RV-2SQ {k}" for k in (1, 2, 3, 4)]
+    assert [entry.joint for entry in study.gains] == ["1", "2", "3"]
+    assert {entry.draws for entry in (*study.recovery, *study.gains, *study.agreement)} == {3}
+
+
+def test_the_number_of_processes_changes_nothing(study, contest, monkeypatch):
+    monkeypatch.setattr(friction_study, "run_contest", lambda *_: contest)
+    told = []
+    again = study_friction(range(3, 6), jobs=2, progress=lambda done, whole: told.append((done, whole)))
+    assert again == study
+    assert told == [(k, len(told)) for k in range(1, len(told) + 1)]
+
+
+def check_of(checks, start):
+    (check,) = [check for check in checks if check.name.startswith(start)]
+    return check
+
+
+def find(study, **parts):
+    values = {name: getattr(study, name) for name in ("agreement", "recovery", "gains", "second", "contests")}
+    return find_checks(**{**values, **parts})
+
+
+def test_few_draws_are_told_and_not_judged(study):
+    assert check_of(study.checks, "S2, joint 1: bias").met is None
+    assert check_of(study.checks, "S3, joint 1: improved against Coulomb").met is None
+    assert check_of(study.checks, "RV-2SQ 2").met is None
+
+
+@pytest.mark.parametrize(("ratio", "bias", "met"), [(1.1, 0.1, True), (1.25, 0.3, False), (0.7, -0.3, False)])
+def test_spreads_are_judged_with_many_draws(study, ratio, bias, met):
+    first = study.recovery[0]
+    parameters = tuple(replace(entry, ratio=1.0, bias=0.0) for entry in first.parameters[1:])
+    worst = replace(first.parameters[0], ratio=ratio, bias=bias)
+    checks = find(study, recovery=[replace(first, draws=1000, parameters=(worst, *parameters))])
+    assert check_of(checks, "S2, joint 1: standard deviations").met is met
+    assert check_of(checks, "S2, joint 1: bias").met is met
+
+
+@pytest.mark.parametrize(("miss", "met"), [(0.9, True), (-1.1, False)])
+def test_gains_are_judged_against_the_paper(study, miss, met):
+    gain = replace(study.gains[0], draws=100, viscous=replace(study.gains[0].viscous, miss=miss))
+    checks = find(study, gains=[gain])
+    assert check_of(checks, "S3, joint 1: improved against Coulomb").met is met
+    assert check_of(checks, "S3, joint 1: improved against original").met is None
+
+
+def test_estimators_that_miss_the_optimum_are_named(study):
+    first = study.agreement[0]
+    rows = tuple(replace(row, excess=0.01, agreed=1) for row in first.rows)
+    checks = find(study, agreement=[replace(first, rows=rows)])
+    assert check_of(checks, "S1, peak 0.5 rad/s: varpro, root-finding, nlp agree").met is False
+    genetic = check_of(checks, "S1, peak 0.5 rad/s: genetic")
+    assert (genetic.met, genetic.found) == (False, "1 of 3 draws, worst 1 %")
+
+
+def test_a_default_that_is_beaten_or_too_dear_is_named(study, contest):
+    for change in ({"excess": 1e-5}, {"solves": 151}):
+        beaten = replace(contest, runs=(replace(contest.runs[0], **change),))
+        assert check_of(find(study, contests=[beaten]), "a contest").met is False
+    assert check_of(find(study, contests=[contest]), "a contest").met is True
+
+
+def test_parameters_beyond_the_bound_are_named_and_left_out(study):
+    second = study.second[1]
+    lost = tuple(
+        replace(entry, told=entry.name != "vs", inside=0 if entry.name == "vs" else 100, mean=entry.truth)
+        for entry in second.parameters
+    )
+    check = check_of(find(study, second=[replace(second, draws=100, parameters=lost)]), "RV-2SQ 2")
+    assert check.met is True
+    assert check.found.endswith("not identifiable, bound beyond 50 %: vs")
+
+
+def test_misses_are_said_in_words():
+    assert find_gain_sentence(GAIN) == "1.3 points below the paper"
+    near = replace(GAIN, miss=0.5)
+    assert find_gain_sentence(near) == "0.5 points above the paper, within the deviation of a draw"
