@@ -203,13 +203,13 @@ def _find_verdict(found: FrictionIdentification) -> Verdict:
     """Return what the result is worth: how well what was held back is foretold, what is not known."""
     tried = [entry for entry in found.joints if entry.selection is not None]
     names = ", ".join(f"{entry.joint}: {entry.estimate.law}" for entry in found.joints)
-    level, headline = "fair", f"Friction is known as {names}; nothing that was held back has tested it."
+    level, headline = "fair", f"Laws of friction: {names}. Nothing that was held back has tested them."
     if tried and len(tried) == len(found.joints):
         ratio = max(map(_find_ratio, tried))
         same = ratio <= _SAME
         level = "good" if same else "fair"
         headline = (
-            f"Friction is known as {names}; blocks held back are foretold "
+            f"Laws of friction: {names}. Blocks held back are foretold "
             + ("as well as" if same else f"{ratio:.2g} times worse than")
             + " those fitted."
         )

@@ -75,7 +75,7 @@ def test_the_verdict_weighs_what_was_held_back_and_refused(found):
     named = replace(found, joints=(replace(joint, selection=None),))
     verdict = build_friction_report(named).verdict
     assert verdict.level == "fair"
-    assert "nothing that was held back has tested it" in verdict.headline
+    assert "Nothing that was held back has tested them" in verdict.headline
     large = replace(joint, residual=replace(joint.residual, relative_percent=40.0))
     assert build_friction_report(replace(found, joints=(large,))).verdict.level == "poor"
     less = replace(joint, estimate=replace(joint.estimate, refused=(("vs", "too fast"),)))
