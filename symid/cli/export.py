@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from symid.cli.inputs import check_output, load_robot_of_estimate, show_path
+from symid.cli.friction_result import export_friction
+from symid.cli.inputs import check_output, load_robot, load_robot_of_estimate, show_path
 from symid.cli.options import force_option, output_option, verb
 from symid.cli.output import Answer, Console
 from symid.errors import EstimateError, Notice, RobotError, UsageError
@@ -52,10 +53,16 @@ def command(console: Console, *, robot: str, estimate: Path, output: Path, force
 
     Logs show combinations of masses and inertias; of all bodies that have them the nearest to
     those of the robot file are taken, and only bodies that can exist. Springs are written as found.
+    A result of --rows friction gives its laws to the joints, where robot files have a model of them.
     """
     if output.suffix.lower() != ".toml":
         text = f"{output}: a robot file is TOML; give a name that ends in .toml"
         raise UsageError(Notice(code="usage.suffix", text=text))
+    from symid.friction.results import is_friction_result
+
+    if is_friction_result(estimate):
+        check_output(output, force=force, inputs=(load_robot(robot).path, estimate))
+        return export_friction(console, robot, estimate, output)
     found = find_identified(robot, estimate)
     described = found.robot
     check_output(output, force=force, inputs=(described.path, estimate))

@@ -111,6 +111,7 @@ def _describe_poses(poses: "PoseTest") -> dict[str, object]:
         "differs": poses.differs,
         "change": poses.change,
         "poses": [{"others": dict(pose.others), "sources": pose.sources} for pose in poses.poses],
+        "skipped": [{"sources": sources, "reason": reason} for sources, reason in poses.skipped],
         "parameters": [
             {
                 "name": entry.name,
@@ -119,6 +120,7 @@ def _describe_poses(poses: "PoseTest") -> dict[str, object]:
                 "std": entry.stds,
                 "interval_95": [list(interval) for interval in entry.intervals],
                 "chance": entry.chance,
+                "degrees_of_freedom": entry.freedom,
             }
             for entry in poses.parameters
         ],
@@ -208,7 +210,9 @@ def _show_poses(poses: "PoseTest") -> str:
         + f" ({', '.join(pose.sources)})"
         for k, pose in enumerate(poses.poses, start=1)
     ]
-    return "\n".join((*places, format_table(header, rows, left=(0, len(poses.poses) + 1))))
+    places += [_wrap(f"left out: {sources}: {reason}") for sources, reason in poses.skipped]
+    table = [format_table(header, rows, left=(0, len(poses.poses) + 1))] if rows else []
+    return "\n".join((*places, *table))
 
 
 def _wrap(text: str) -> str:

@@ -61,7 +61,7 @@ __all__ = ["command"]
 @friction_option
 @processing_options
 @set_option
-@output_option("Write the estimate as JSON, for `validate` and `report`.")
+@output_option("Write the result as JSON, for `validate`, `report` and `export`.")
 @force_option
 @verb
 def command(
@@ -102,6 +102,7 @@ def command(
     check_distinct(logs)
     recordings = read_logs(logs, described)
     if rows == "friction":
+        of_law["friction"] = friction
         answer = answer_friction(
             console, described, recordings, estimator=estimator, options=of_law, output=output
         )

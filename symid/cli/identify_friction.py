@@ -14,12 +14,13 @@ from symid.cli.friction_tables import WIDTH, describe_friction, show_joint
 from symid.cli.inputs import describe_settings, load_robot_library, show_path
 from symid.cli.options import FiniteRange
 from symid.cli.output import Answer, Console
-from symid.errors import Notice, UsageError
+from symid.errors import EstimateError, Notice, UsageError
 
 if TYPE_CHECKING:  # these load numpy
     from symid.arrays import FloatArray
     from symid.codegen.library import Library
     from symid.data.recording import Recording
+    from symid.friction.results import FrictionIdentification
     from symid.robot.description import Robot
 
 __all__ = ["answer_friction", "check_friction_options", "friction_options", "split_friction_options"]
@@ -44,7 +45,8 @@ def friction_options(function: Callable[P, R]) -> Callable[P, R]:
             "--known",
             type=click.Path(path_type=Path),
             metavar="ESTIMATE",
-            help="Of --rows friction: base parameters to subtract; else the rigid part is fitted along.",
+            help="Of --rows friction: base parameters to subtract, an estimate of other rows; else the rigid "
+            "part is fitted along.",
         ),
         click.option(
             "--smoothing",
@@ -55,8 +57,10 @@ def friction_options(function: Callable[P, R]) -> Callable[P, R]:
         click.option(
             "--period",
             type=FiniteRange(min=0.0, min_open=True),
+            multiple=True,
             metavar="S",
-            help="Of --rows friction: the motion's period, to average over all of them.",
+            help="Of --rows friction: the motion's period, to average over all of them; once, or once "
+            "for each log, in their order.",
         ),
         click.option(
             "--seed", type=click.IntRange(min=0), metavar="N", help="Of a stochastic estimator of friction."
@@ -70,6 +74,7 @@ def friction_options(function: Callable[P, R]) -> Callable[P, R]:
 def split_friction_options(options: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the options of `friction_options` among others, and the others."""
     mine = {name: options[name] for name in _NAMES}
+    mine["period"] = mine["period"] or None
     return mine, {name: value for name, value in options.items() if name not in mine}
 
 
@@ -119,7 +124,7 @@ def answer_friction(
         robot: as read.
         recordings: the logs.
         estimator: its name, None for the default.
-        options: of `friction_options`, None where not given.
+        options: of `friction_options`, and "friction", the model of joints asked for; None where not given.
         output: file for the result, None for none.
     """
     from symid.elastic.motor_side import build_motor_recording, build_rigid_variant
@@ -134,21 +139,38 @@ def answer_friction(
     model = options["model"] or AUTO
     what = "choosing and fitting a friction law" if model == AUTO else f"fitting the friction law {model}"
     console.progress(f"{what} for {robot.name} from {len(measured)} log{'s'[: len(measured) > 1]}")
+    beta = _read_known(options["known"], library)
     task = FrictionTask(
         model=model,
         estimator=estimator or "varpro",
         options=FrictionOptions(seed=options["seed"] or 0),
-        beta=_read_known(options["known"], library),
+        beta=beta,
         smoothing=options["smoothing"] or 0.0,
-        period=options["period"],
+        periods=tuple(options["period"] or ()),
     )
     echo = {
         "log": describe_settings(robot)["log"],
         "log_digests": [find_digest(recording.source) for recording in recordings],
         "known": None if options["known"] is None else str(options["known"]),
+        "known_values": None if beta is None else _name_known(beta, library),
+        "friction": [joint.friction for joint in library.card.joints],
     }
     found = identify_friction(library, measured, described.processing, task, echo=echo)
-    size = library.card.size
+    text = _write_text(found, library.card.size)
+    if output is not None:
+        text.append(f"result: {show_path(write_friction_result(found, output))}")
+    result = {**describe_friction(found), "file": output, "backend": library.backend}
+    notices = (
+        *_warn_of_springs(robot),
+        *library.notices,
+        *found.notices,
+        *_warn_of_unused(found, options, library),
+    )
+    return Answer(text="\n\n".join(text), result=result, warnings=notices)
+
+
+def _write_text(found: "FrictionIdentification", size: int) -> list[str]:
+    """Return the paragraphs of the answer for a robot of `size` joints."""
     text = [
         f"{found.robot}: friction of {len(found.joints)} of {size} joint{'s'[: size > 1]}",
         *(show_joint(entry) for entry in found.joints),
@@ -157,20 +179,56 @@ def answer_friction(
         text.append(
             "\n".join(textwrap.fill(f"{name}: {reason}", width=WIDTH) for name, reason in found.refused)
         )
-    if output is not None:
-        text.append(f"result: {show_path(write_friction_result(found, output))}")
-    result = {**describe_friction(found), "file": output, "backend": library.backend}
-    notices = (*_warn_of_springs(robot), *library.notices, *found.notices)
-    return Answer(text="\n\n".join(text), result=result, warnings=notices)
+    return text
 
 
 def _read_known(path: Path | None, library: "Library") -> "FloatArray | None":
     if path is None:
         return None
+    from symid.friction.results import is_friction_result
     from symid.identification.storage import read_estimate
 
+    if is_friction_result(path):
+        text = (
+            "this is friction found with --rows friction; --known takes the base parameters that "
+            "`symid identify ROBOT LOG... -o FILE` finds without --rows friction"
+        )
+        raise EstimateError(Notice(code="estimate.friction", text=text, file=str(path)))
     estimate = read_estimate(path, library.card)
     return estimate.assemble(tuple(entry.name for entry in library.card.beta))
+
+
+def _name_known(beta: "FloatArray", library: "Library") -> dict[str, float]:
+    return {entry.name: float(value) for entry, value in zip(library.card.beta, beta, strict=True)}
+
+
+def _warn_of_unused(
+    found: "FrictionIdentification", options: Mapping[str, Any], library: "Library"
+) -> tuple[Notice, ...]:
+    """Return a notice for every option that had no part in the result."""
+    from symid.friction.estimators import STOCHASTIC
+
+    texts = []
+    if options["seed"] is not None and found.estimator not in STOCHASTIC:
+        texts.append(
+            f"--seed has no part in this result: {found.estimator} draws nothing at random; "
+            f"{', '.join(sorted(STOCHASTIC))} do"
+        )
+    others = {entry.name for entry in library.card.friction}
+    beside = {
+        name
+        for joint in found.joints
+        for name in (
+            *(entry.name for entry in joint.estimate.extra),
+            *(name for name, _ in joint.estimate.refused),
+        )
+    }
+    if options.get("friction") and not others & beside:
+        texts.append(
+            "--friction has no part in this result: no joint's friction acts on another here; the law of a "
+            "joint's own friction is that of --model"
+        )
+    return tuple(Notice(code="friction.unused-option", text=text) for text in texts)
 
 
 def _warn_of_springs(robot: "Robot") -> tuple[Notice, ...]:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:  # these load numpy, which a usage error must not wait for
     from symid.codegen.library import Library
     from symid.data.recording import Recording
     from symid.elastic.estimate import ElasticEstimate
+    from symid.friction.results import FrictionIdentification
     from symid.identification.estimate import Estimate
     from symid.robot.description import Robot
 
@@ -136,7 +137,9 @@ def check_distinct(paths: Sequence[Path]) -> None:
 
 
 def load_robot_of_estimate(
-    name: str, estimate: "Estimate | ElasticEstimate", settings: Sequence[tuple[str, str]]
+    name: str,
+    estimate: "Estimate | ElasticEstimate | FrictionIdentification",
+    settings: Sequence[tuple[str, str]],
 ) -> "Robot":
     """Return the robot as it was when identified: with the estimate's friction, log map and processing.
 
@@ -147,7 +150,7 @@ def load_robot_of_estimate(
         UsageError, RobotError: see `load_robot`.
         EstimateError: what the estimate says of its log or processing cannot be read.
     """
-    # That of elastic joints does not say its friction models; its signature does.
+    # That of elastic joints and that of friction do not say friction models; their signatures do.
     kinds: set[str] = set(getattr(estimate, "friction", ()))
     # Joints with different models have them from the file: the command line sets one for all.
     described = load_robot(name, friction=kinds.pop() if len(kinds) == 1 else None)

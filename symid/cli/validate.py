@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from symid.cli.friction_result import validate_friction_result
 from symid.cli.inputs import load_robot_library, load_robot_of_estimate, read_logs
 from symid.cli.options import FiniteRange, set_option, split_settings, verb
 from symid.cli.output import Answer, Console
@@ -59,7 +60,8 @@ def command(
 ) -> Answer:
     """Predict the torques of LOG with the parameters in ESTIMATE; nothing is fitted.
 
-    Filter and friction are those of the identification. Exit code 1 when the gate is missed.
+    Filter and friction are those of the identification; a result of --rows friction is tried as
+    well, with the rigid part beside it. Exit code 1 when the gate is missed.
     """
     call = ElasticCall(
         robot=robot,
@@ -82,6 +84,10 @@ def command(
     if tracking:
         text = "--tracking needs an estimate of elastic joints with their springs; leave it out"
         raise UsageError(Notice(code="usage.rigid-tracking", text=text, file=str(estimate)))
+    from symid.friction.results import is_friction_result
+
+    if is_friction_result(estimate):
+        return validate_friction_result(console, call)
     return _answer_rigid(console, call)
 
 

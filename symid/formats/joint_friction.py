@@ -3,12 +3,15 @@
 Input: the table around it. Output: `FrictionValues`.
 
 Supported: the models of `FrictionKind` and `CurvedFriction`; all values of a model, or none where they are
-unknown; shape values, which must be known; a speed over which dry friction changes its sign.
+unknown; shape values, which must be known; a speed over which dry friction changes its sign. Friction that
+drives the joint at a speed that it may have is remarked on.
 """
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
-from symid.formats.section import POSITIVE, Range, Section, read_choice, read_number, read_table
+from symid.formats.section import POSITIVE, Range, Section, read_choice, read_number, read_table, to_decimal
 from symid.robot.description import CurvedFriction, FrictionKind, FrictionValues
 
 __all__ = ["FRICTION_PARAMETERS", "FRICTION_SHAPES", "ShapeKey", "find_friction_unit", "read_friction"]
@@ -69,6 +72,8 @@ _WITHOUT_STEP: dict[Kind, str] = {
 }
 # Of either sign; what is negative here need not push.
 _SIGNED = ("offset", "Fp", "Fe", "Fvq", "Fvc")
+_SLOWEST, _FASTEST, _SPEED_COUNT = 1e-9, 1e6, 1500
+"""The speeds at which curves are looked at: a hundred a decade."""
 
 
 def read_friction(section: Section, *, prismatic: bool) -> FrictionValues:
@@ -94,12 +99,92 @@ def read_friction(section: Section, *, prismatic: bool) -> FrictionValues:
         text = f'has nothing to smooth: the model "{model}" has no {_WITHOUT_STEP[kind]}; leave it out'
         table.refuse_key("robot.friction-values", "smoothing", text)
     _check_names(table, kind, names)
-    return FrictionValues(
+    found = FrictionValues(
         kind=kind,
         values=_read_values(table, kind, prismatic=prismatic),
         smoothing=float(smoothing or 0),
         shape=_read_shape(table, kind, shapes, prismatic=prismatic),
     )
+    _warn_of_push(table, found, _find_fastest(section), prismatic=prismatic)
+    return found
+
+
+def _find_fastest(section: Section) -> float:
+    """Return the velocity limit that stands beside the friction, infinite where there is none."""
+    limits = section.values.get("limits")
+    limit = to_decimal(limits.get("velocity")) if isinstance(limits, dict) else None
+    return float(limit) if limit is not None and limit > 0 else math.inf
+
+
+def _warn_of_push(table: Section, friction: FrictionValues, fastest: float, *, prismatic: bool) -> None:
+    """Remark on a curve that drives the joint although no coefficient on its own does."""
+    named = _name_values(friction)
+    if not named or any(value < 0.0 for name, value in named.items() if name not in _SIGNED):
+        return
+    speed = _find_push(friction, named, fastest)
+    if speed is None:
+        return
+    unit = "m/s" if prismatic else "rad/s"
+    start = f"from about {speed:.2g} {unit} on" if speed > _SLOWEST else "as motion begins"
+    key = next((name for name in _SIGNED[2:] if named.get(name, 0.0) < 0.0), "Fc")
+    hint = "simulation refuses that"
+    if friction.kind is CurvedFriction.MAKKAR:
+        key, hint = "Fm", "Fc or Fv must outweigh Fm, or g2 be at least g3"
+    text = f"{named[key]:g} drives the joint {start} instead of braking it; {hint}"
+    table.warn("robot.negative-friction", key, text)
+
+
+def _name_values(friction: FrictionValues) -> dict[str, float]:
+    """Return values and shape values of a curve by name; none where some are unknown."""
+    keys = FRICTION_SHAPES.get(friction.kind, ())
+    if not isinstance(friction.kind, CurvedFriction) or len(friction.shape) != len(keys):
+        return {}
+    if friction.values is None or None in friction.values:
+        return {}
+    names = (*FRICTION_PARAMETERS[friction.kind], *(key.name for key in keys))
+    return dict(zip(names, (*friction.values, *friction.shape), strict=True))
+
+
+def _find_push(friction: FrictionValues, named: dict[str, float], fastest: float) -> float | None:
+    """Return the least speed from which friction pushes, constant torques apart; None if it never does.
+
+    Where what it brakes with one way and the other, the least up to a speed, are together negative.
+    """
+    brakes = [_build_brake(friction, named, side) for side in ("p", "n")]
+    least = [math.inf, math.inf]
+    top = max(min(fastest, _FASTEST), _SLOWEST)
+    for k in range(_SPEED_COUNT + 1):
+        speed = _SLOWEST * math.pow(top / _SLOWEST, k / _SPEED_COUNT)
+        least = [min(low, brake(speed)) for low, brake in zip(least, brakes, strict=True)]
+        if sum(least) < 0.0:
+            return speed
+    return None
+
+
+def _build_brake(friction: FrictionValues, named: dict[str, float], side: str) -> Callable[[float], float]:
+    """Return what a curve brakes with at a speed in the direction "p" or "n", offset and bias apart."""
+
+    def find(name: str) -> float:
+        return named.get(name, named.get(f"{name}{side}", 0.0))
+
+    if friction.kind is CurvedFriction.MAKKAR:
+
+        def find_makkar(v: float) -> float:
+            bump = math.tanh(named["g2"] * v) - math.tanh(named["g3"] * v)
+            return find("Fm") * bump + find("Fc") * math.tanh(named["g5"] * v) + find("Fv") * v
+
+        return find_makkar
+    vs, edge, width = named.get("vs", 1.0), named.get("dq0", 0.0), friction.smoothing
+    gamma, delta = named.get("gamma", 2.0), named.get("delta", 1.0)
+
+    def find_brake(v: float) -> float:
+        sign = math.tanh(v / width) if width else min(1.0, v / edge) if edge else 1.0
+        # Beyond ten decades nothing is left of the fall.
+        fall = math.exp(-math.pow(min(max(v, edge) / vs, 1e10), gamma))
+        dry = find("Fc") + find("Fe") * fall + find("Fd") * math.pow(v, delta)
+        return dry * sign + find("Fv") * v + find("Fvq") * v * v + find("Fvc") * v**3
+
+    return find_brake
 
 
 def _read_values(table: Section, kind: Kind, *, prismatic: bool) -> tuple[float, ...] | None:

@@ -4,8 +4,9 @@ FrictionProblem, FrictionSearch, Uncertainty -> refused parameters with reasons;
 
 A parameter gets no number where the columns of the law are dependent on these samples (also where noise
 alone keeps them apart: one speed, one direction); where the law without the term explains the samples as well
-(chi-square, 0.01 %); where no sample is slower than the Stribeck velocity; where the deviation of a value
-of the shape exceeds half of it.
+(chi-square, 0.01 %); where no row is slower than the Stribeck velocity; where the deviation of a value
+of the shape exceeds half of it; where it stands in nothing but a term that is refused. Speeds are those of
+rows that are fitted, behind filters and decimation: samples left out at standstill show nothing.
 
 Supported: all static laws. Not supported: naming a law that fits better (`selection`).
 """
@@ -18,11 +19,12 @@ from symid.arrays import FloatArray
 from symid.errors import Notice
 from symid.friction.covariance import Uncertainty, find_design, find_uncertainty
 from symid.friction.problem import SPEED_UNITS, FrictionProblem
+from symid.friction.reduction import find_rows
 from symid.friction.samples import FrictionSamples
 from symid.friction.search import FrictionSearch
-from symid.joint.friction_law import FrictionLaw, find_column_rates
+from symid.joint.friction_law import FrictionLaw, find_column_rates, find_columns
 
-__all__ = ["find_edge", "find_notices", "find_refusals", "is_one_sided"]
+__all__ = ["find_active", "find_edge", "find_notices", "find_refusals", "is_one_sided"]
 
 _FEW = 20
 _ONE_SPEED = 0.05
@@ -31,6 +33,10 @@ _ONE_SIDED = 0.01
 _UNSURE = 0.5
 _CHANCE = 1e-4
 _EDGE = 1e-6
+_NEAR = 0.01
+"""Deviations from a bound up to which a value stands at it."""
+_PULL = 0.02
+"""Deviations that the optimum lies beyond a bound, from which on the bound is what holds the value."""
 _BUMPS = frozenset({"Fs", "Fsp", "Fsn", "Fls"})
 """What static friction is beyond Coulomb friction."""
 
@@ -55,7 +61,7 @@ def find_refusals(
     """Return the reason for every parameter, of the law and beside it, that gets no number."""
     law, names = problem.law, _list_names(problem)
     refused: dict[str, str] = {}
-    motion = _describe_motion(problem.samples)
+    motion = _describe_motion(problem.samples, find_rows(problem.samples).velocity)
     told = [uncertainty]
     if motion.reason:
         design = find_design(motion.samples, law, search.linear, search.shape)
@@ -69,24 +75,26 @@ def find_refusals(
             end = f"it cannot be told apart from {others}" if others else "nothing is seen of it"
             refused.setdefault(name, f"{reason}: {end}")
     refused |= {k: v for k, v in _refuse_shapes(problem, search).items() if k not in refused}
-    return refused | _refuse_unsure(problem, search, uncertainty, refused)
+    refused |= _refuse_unsure(problem, search, uncertainty, refused)
+    return refused | _refuse_inside(problem, search, refused)
 
 
 def _list_names(problem: FrictionProblem) -> list[str]:
     return [*(entry.name for entry in problem.law.physical), *problem.samples.extra_names]
 
 
-def _describe_motion(samples: FrictionSamples) -> _Motion:
-    """Return what the motion lacks, the worst first."""
+def _describe_motion(samples: FrictionSamples, rows: FloatArray) -> _Motion:
+    """Return what the motion of the rows, velocities (M,), lacks, the worst first."""
     unit = "m/s" if samples.prismatic else "rad/s"
-    velocity = samples.velocity
+    velocity, speeds = samples.velocity, np.abs(rows[rows != 0.0])
     kept = np.ones(len(velocity), dtype=bool)
     reasons = []
-    if is_one_sided(velocity):
-        direction = 1.0 if np.sum(velocity > 0.0) > np.sum(velocity < 0.0) else -1.0
-        kept = velocity * direction > 0.0
+    if is_one_sided(rows):
+        direction = 1.0 if np.sum(rows > 0.0) > np.sum(rows < 0.0) else -1.0
+        kept, speeds = velocity * direction > 0.0, np.abs(rows[rows * direction > 0.0])
         reasons.append(f"in the {'positive' if direction > 0.0 else 'negative'} direction only")
-    speeds = np.abs(velocity[kept & (velocity != 0.0)])
+    if not len(speeds):
+        return _Motion(reason="", samples=samples)
     middle = float(np.median(speeds))
     spread = float(np.subtract(*np.quantile(speeds, (0.975, 0.025))))
     if spread <= _ONE_SPEED * middle:
@@ -109,14 +117,15 @@ def _describe_motion(samples: FrictionSamples) -> _Motion:
 
 
 def _refuse_shapes(problem: FrictionProblem, search: FrictionSearch) -> dict[str, str]:
-    """Return what these samples do not show of the law's shape, and of the terms that hang on it."""
-    law, refused = problem.law, {}
+    """Return what these samples do not show of the law's shape, and of what hangs on it."""
+    law = problem.law
+    refused: dict[str, str] = {}
     rates = find_column_rates(law, problem.samples.inputs, [float(value) for value in search.shape])
     size = np.max(np.abs(rates), axis=0, initial=0.0)
     whole = problem.find_columns(search.shape)
     variance = search.objective / max(len(problem.target) - len(_list_names(problem)), 1)
     unit = "m/s" if problem.samples.prismatic else "rad/s"
-    slowest = float(np.min(np.abs(problem.samples.velocity)))
+    slowest = float(np.min(np.abs(find_rows(problem.samples).velocity)))
     for place, entry in enumerate(law.shape):
         if not problem.is_free[place]:
             continue
@@ -130,28 +139,44 @@ def _refuse_shapes(problem: FrictionProblem, search: FrictionSearch) -> dict[str
             continue
         reason = ""
         if entry.name == "vs" and slowest >= value:
-            reason = (
-                f"no sample is slower than the Stribeck velocity: the slowest moves at {slowest:.3g} {unit}"
-            )
+            reason = f"no row is slower than the Stribeck velocity: the slowest moves at {slowest:.3g} {unit}"
         elif entry.unit in SPEED_UNITS and find_edge(problem, search, place):
             reason = f"{entry.name} stands at the edge of what the samples can tell, {value:.3g} {unit}"
         elif _is_as_good(problem, search, np.delete(whole, terms, axis=1), variance, len(terms) + 1):
             reason = "the law without this term explains the samples as well"
             if entry.name == "vs":
-                reason += f"; it shows at low speeds, and the slowest sample moves at {slowest:.3g} {unit}"
+                reason += f"; it shows at low speeds, and the slowest row moves at {slowest:.3g} {unit}"
         if reason:
-            refused |= dict.fromkeys(_find_hanging(law, terms, place), reason)
+            free = [int(k) for k in np.flatnonzero(problem.is_free)]
+            inner = [k for k in free if not np.any(np.delete(size[:, k], terms))]
+            for name in _find_hanging(law, terms, [place, *inner]):
+                refused.setdefault(name, reason)
     return refused
 
 
-def _find_hanging(law: FrictionLaw, terms: list[int], place: int) -> list[str]:
-    """Return names of physical parameters that hold a shape value or one of the linear terms."""
-    lost = {*terms, len(law.linear) + place}
+def _find_hanging(law: FrictionLaw, terms: list[int], places: list[int]) -> list[str]:
+    """Return names of physical parameters that hold one of the shape values or of the linear terms."""
+    lost = {*terms, *(len(law.linear) + place for place in places)}
     return [
         entry.name
         for entry, row in zip(law.physical, law.mixing, strict=True)
         if any(row[index] for index in lost)
     ]
+
+
+def _refuse_inside(
+    problem: FrictionProblem, search: FrictionSearch, refused: dict[str, str]
+) -> dict[str, str]:
+    """Return what exists only inside the zone about standstill, where the zone itself is refused."""
+    law, samples = problem.law, problem.samples
+    place = next((k for k, entry in enumerate(law.shape) if entry.name == "dq0"), None)
+    if place is None or "dq0" not in refused:
+        return {}
+    beyond = np.abs(samples.velocity) >= search.shape[place]
+    columns = find_columns(law, samples.inputs, [float(value) for value in search.shape])
+    inside = [int(term) for term in np.flatnonzero(~np.any(columns[beyond], axis=0))]
+    reason = f"it acts inside the zone about standstill only, and {refused['dq0']}"
+    return {name: reason for name in _find_hanging(law, inside, []) if name not in refused}
 
 
 def _is_as_good(
@@ -177,27 +202,41 @@ def _refuse_unsure(
     law = problem.law
     values = law.to_physical(list(search.linear), list(search.shape))
     shapes = {entry.name for entry, free in zip(law.shape, problem.is_free, strict=True) if free}
-    bent = bool(shapes & refused.keys())
-    unsure = {}
-    for entry, value, std in zip(law.physical, values, uncertainty.physical, strict=True):
-        doubtful = entry.name in shapes or entry.name.startswith("fS") or (bent and entry.lower == 0.0)
-        if doubtful and entry.name not in refused and std > _UNSURE * abs(value):
-            unit = entry.unit_prismatic if problem.samples.prismatic else entry.unit
-            unsure[entry.name] = f"its standard deviation, {std:.3g} {unit}, is more than half its value"
+    # A value at its bound is told with the bound; that it may be zero is then no doubt.
+    known = {*refused, *(find_active(problem, search, uncertainty).keys() - shapes)}
+    unsure: dict[str, str] = {}
+    # Values of the shape first: where one is refused, the terms that it bends are in doubt as well.
+    for bends in (True, False):
+        bent = bool(shapes & (refused.keys() | unsure.keys()))
+        for entry, value, std in zip(law.physical, values, uncertainty.physical, strict=True):
+            other = entry.name.startswith("fS") or (bent and entry.lower == 0.0)
+            doubtful = entry.name in shapes if bends else other and entry.name not in shapes
+            if doubtful and entry.name not in known and std > _UNSURE * abs(value):
+                unit = entry.unit_prismatic if problem.samples.prismatic else entry.unit
+                unsure[entry.name] = f"its standard deviation, {std:.3g} {unit}, is more than half its value"
     return unsure
 
 
 def find_notices(
-    problem: FrictionProblem, search: FrictionSearch, refused: dict[str, str]
+    problem: FrictionProblem,
+    search: FrictionSearch,
+    refused: dict[str, str],
+    held: dict[str, str],
 ) -> tuple[Notice, ...]:
-    """Return what a reader of the fit should know."""
+    """Return what a reader of the fit should know; `held` is what `find_active` found."""
     notices = [
         Notice(code="friction.refused", text=f"{name} gets no number: {refused[name]}") for name in refused
     ]
-    if is_one_sided(problem.samples.velocity):
+    rows = find_rows(problem.samples).velocity
+    if is_one_sided(rows):
         text = "the direction of motion does not change: nothing is known of friction in the other direction"
         notices.append(Notice(code="friction.one-direction", text=text))
-    notices += _warn_of_slow(problem, search)
+    notices += _warn_of_slow(problem, search, rows)
+    notices += [
+        Notice(code="friction.at-bound", text=f"{name} stands {reason}")
+        for name, reason in held.items()
+        if name not in refused
+    ]
     notices += _warn_of_values(problem, search, refused)
     if search.outcome.name not in {"CONVERGED", "STAGNATED"}:
         text = f"the search did not end by its tolerances but because {search.ended} ({search.outcome.value})"
@@ -205,12 +244,12 @@ def find_notices(
     return tuple(notices)
 
 
-def _warn_of_slow(problem: FrictionProblem, search: FrictionSearch) -> list[Notice]:
+def _warn_of_slow(problem: FrictionProblem, search: FrictionSearch, rows: FloatArray) -> list[Notice]:
     for entry, value in zip(problem.law.shape, search.shape, strict=True):
-        slow = int(np.sum(np.abs(problem.samples.velocity) < 2.0 * value))
+        slow = int(np.sum(np.abs(rows) < 2.0 * value))
         if entry.name == "vs" and slow < _FEW:
             text = (
-                f"{slow} samples are slower than twice the Stribeck velocity, fewer than {_FEW}: what "
+                f"{slow} rows are slower than twice the Stribeck velocity, fewer than {_FEW}: what "
                 "happens at the start of motion rests on them; record slower motions"
             )
             return [Notice(code="friction.few-slow", text=text)]
@@ -221,13 +260,6 @@ def _warn_of_values(
     problem: FrictionProblem, search: FrictionSearch, refused: dict[str, str]
 ) -> list[Notice]:
     law, notices = problem.law, []
-    for place, entry in enumerate(law.shape):
-        side = find_edge(problem, search, place)
-        if side and entry.name not in refused:
-            text = (
-                f"{entry.name} stands at its {side} bound, {search.shape[place]:.4g}: its optimum lies beyond"
-            )
-            notices.append(Notice(code="friction.at-bound", text=text))
     if any(
         entry.name in _BUMPS and value < 0.0 for entry, value in zip(law.linear, search.linear, strict=True)
     ) and not any(name.startswith(("fS", "fE")) for name in refused):
@@ -245,6 +277,35 @@ def _warn_of_values(
             )
             notices.append(Notice(code="friction.beyond-bound", text=text))
     return notices
+
+
+def find_active(problem: FrictionProblem, search: FrictionSearch, uncertainty: Uncertainty) -> dict[str, str]:
+    """Return the physical parameters that a bound holds, and at which one: "at its lower bound, 0: ...".
+
+    A linear one is held where it stands within a hundredth of its deviation of a bound, and J falls beyond.
+    """
+    law, held = problem.law, {}
+    values = law.to_physical(list(search.linear), list(search.shape))
+    columns = problem.find_columns(search.shape)
+    slope = -columns.T @ (problem.target - columns @ search.linear)
+    slopes = slope @ np.array(law.unmixing, dtype=np.float64)[: len(slope)]
+    variance = search.objective / max(len(problem.target) - uncertainty.rank, 1)
+    places = {entry.name: place for place, entry in enumerate(law.shape)}
+    least, most = problem.find_physical_box()
+    for k, entry in enumerate(law.physical):
+        std = float(uncertainty.physical[k])
+        if entry.name in places:
+            side = find_edge(problem, search, places[entry.name])
+        elif not np.isfinite(std) or abs(slopes[k]) * std <= _PULL * variance:
+            continue
+        elif slopes[k] > 0.0:
+            side = "lower" if values[k] - least[k] <= _NEAR * std else ""
+        else:
+            side = "upper" if most[k] - values[k] <= _NEAR * std else ""
+        if side:
+            bound = (least if side == "lower" else most)[k]
+            held[entry.name] = f"at its {side} bound, {bound:.4g}: its optimum lies beyond"
+    return held
 
 
 def find_edge(problem: FrictionProblem, search: FrictionSearch, place: int) -> str:

@@ -1,7 +1,7 @@
 """What a fit of a friction law says: parameters and how sure they are, the objective, the way it was found.
 
 Input: a fit. Output: `FrictionEstimate`, which is written to and read from JSON without loss
-(`symid.friction.storage`).
+(`symid.friction.results`).
 
     J = |R tau - R [Phi(v; shape), X] c|^2,    c = (linear, extra),    sigma^2 = J / (M - p - s - k)
 

@@ -17,7 +17,7 @@ from symid.arrays import FloatArray
 from symid.errors import Notice, SolverError, UsageError
 from symid.friction.covariance import Uncertainty, find_design, find_uncertainty
 from symid.friction.criteria import find_aicc, find_bic
-from symid.friction.doubts import find_edge, find_notices, find_refusals
+from symid.friction.doubts import find_active, find_notices, find_refusals
 from symid.friction.estimate import FrictionEstimate, FrictionOutcome
 from symid.friction.options import FrictionOptions
 from symid.friction.problem import FrictionProblem, build_problem
@@ -26,7 +26,7 @@ from symid.friction.search import FrictionSearch
 from symid.identification.estimate import ParameterEstimate
 from symid.joint.friction_law import FrictionLaw, find_torque
 
-__all__ = ["ESTIMATORS", "STOCHASTIC", "fit_friction", "search_friction"]
+__all__ = ["ESTIMATORS", "STOCHASTIC", "check_estimator", "fit_friction", "search_friction"]
 
 ESTIMATORS = ("varpro", "root-finding", "nlp", "genetic", "annealing", "differential-evolution")
 STOCHASTIC = frozenset({"genetic", "annealing", "differential-evolution"})
@@ -63,6 +63,20 @@ def fit_friction(
     return _build_estimate(problem, search, estimator)
 
 
+def check_estimator(estimator: str) -> None:
+    """Refuse a name that is no estimator's.
+
+    Raises:
+        UsageError: no such estimator.
+    """
+    if estimator in ESTIMATORS:
+        return
+    near = difflib.get_close_matches(estimator, ESTIMATORS, n=1, cutoff=0.4)
+    hint = f"; did you mean {near[0]}?" if near else ";"
+    text = f"no estimator of friction is called {estimator!r}{hint} there are {', '.join(ESTIMATORS)}"
+    raise UsageError(Notice(code="usage.friction-estimator", text=text))
+
+
 def search_friction(
     problem: FrictionProblem,
     *,
@@ -75,11 +89,7 @@ def search_friction(
     Raises:
         UsageError: no such estimator, or one that cannot fit this law to these samples.
     """
-    if estimator not in ESTIMATORS:
-        near = difflib.get_close_matches(estimator, ESTIMATORS, n=1, cutoff=0.4)
-        hint = f"; did you mean {near[0]}?" if near else ""
-        text = f"no estimator of friction is called {estimator!r}{hint} There are {', '.join(ESTIMATORS)}"
-        raise UsageError(Notice(code="usage.friction-estimator", text=text))
+    check_estimator(estimator)
     # A law without shape values to search is a linear problem, whatever the estimator.
     if estimator in STOCHASTIC and generator is None:
         generator = np.random.default_rng(options.seed)
@@ -130,7 +140,7 @@ def _build_estimate(problem: FrictionProblem, search: FrictionSearch, estimator:
     rows, fixed = len(problem.target), [not free for free in problem.is_free]
     fitted = design.shape[1] - sum(fixed)
     told = find_uncertainty(design, law, search.objective / max(rows - fitted, 1), fixed)
-    refused = find_refusals(problem, search, told)
+    refused, held = find_refusals(problem, search, told), find_active(problem, search, told)
     floor = 1e-30 * float(problem.target @ problem.target)
     outcome = search.outcome
     if refused and outcome in {FrictionOutcome.CONVERGED, FrictionOutcome.STAGNATED}:
@@ -139,7 +149,7 @@ def _build_estimate(problem: FrictionProblem, search: FrictionSearch, estimator:
         joint=samples.joint,
         law=law.name,
         estimator=estimator,
-        parameters=_list_parameters(problem, search, told, refused),
+        parameters=_list_parameters(problem, search, told, refused, held),
         extra=_list_extra(samples, other, told, refused),
         refused=tuple(refused.items()),
         linear=tuple(map(float, search.linear)),
@@ -159,7 +169,7 @@ def _build_estimate(problem: FrictionProblem, search: FrictionSearch, estimator:
         condition=told.condition,
         history=search.history,
         settings=search.settings,
-        notices=find_notices(problem, search, refused),
+        notices=find_notices(problem, search, refused, held),
     )
 
 
@@ -177,10 +187,13 @@ def _find_other(problem: FrictionProblem, search: FrictionSearch) -> FloatArray:
 
 
 def _list_parameters(
-    problem: FrictionProblem, search: FrictionSearch, told: Uncertainty, refused: dict[str, str]
+    problem: FrictionProblem,
+    search: FrictionSearch,
+    told: Uncertainty,
+    refused: dict[str, str],
+    held: dict[str, str],
 ) -> tuple[ParameterEstimate, ...]:
     law, prismatic = problem.law, problem.samples.prismatic
-    edges = {entry.name: find_edge(problem, search, place) for place, entry in enumerate(law.shape)}
     fixed = {entry.name for entry, free in zip(law.shape, problem.is_free, strict=True) if not free}
     values = law.to_physical(list(search.linear), list(search.shape))
     return tuple(
@@ -190,15 +203,11 @@ def _list_parameters(
             std=float(std),
             unit=entry.unit_prismatic if prismatic else entry.unit,
             expression=entry.meaning,
-            reason="fixed" if entry.name in fixed else _explain_edge(edges.get(entry.name, "")),
+            reason="fixed" if entry.name in fixed else held.get(entry.name, ""),
         )
         for entry, value, std in zip(law.physical, values, told.physical, strict=True)
         if entry.name not in refused
     )
-
-
-def _explain_edge(side: str) -> str:
-    return f"at the {side} bound of its search" if side else ""
 
 
 def _list_extra(

@@ -1,14 +1,15 @@
 """Periods of a cosine motion laid on top of each other: their mean, and how far they scatter.
 
 Input: a recording whose joints repeat themselves, the period. Output: `FoldedRecording`: the mean period,
-with a copy before and after it, for filters to run in.
+continued before and after it, for filters to run in.
 
 The mean of K periods has noise smaller by sqrt(K), and every filter sees a signal without ends.
 
 Supported: any period of several samples; one that is no whole number of samples is interpolated, positions by
 cubic splines, torques, which jump, by straight lines. Times before the first whole period and after the last
 are not used.
-Not supported: finding the period; motions that drift.
+Not supported: finding the period; motions that drift. A period at which positions differ by more than a tenth
+of their range is refused.
 """
 
 from dataclasses import dataclass, replace
@@ -26,14 +27,16 @@ _WHOLE = 1e-3
 """A period this near to a whole number of samples, over the whole log, is one."""
 _DRIFT = 0.02
 """Scatter of the positions between periods, relative to their range, that is worth a warning."""
+_WRONG = 0.1
+"""The same where periods have nothing in common: their mean is no motion."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FoldedRecording:
-    """The mean period of a recording, three times.
+    """The mean period of a recording, with a margin of itself on either side.
 
     Args:
-        recording: 3 n samples; the middle n are meant to be used.
+        recording: margin, n samples that are meant to be used, margin.
         samples: n, of one period.
         periods: how many were averaged.
         scatter: (joints,) standard deviation of the torque of one period about the mean, N m or N.
@@ -49,15 +52,16 @@ class FoldedRecording:
         object.__setattr__(self, "scatter", freeze(self.scatter))
 
 
-def fold_recording(recording: Recording, period: float) -> FoldedRecording:
+def fold_recording(recording: Recording, period: float, *, margin: int | None = None) -> FoldedRecording:
     """Return the mean over all whole periods.
 
     Args:
         recording: sampled evenly.
         period: of the motion in s.
+        margin: samples by which the mean period is continued on either side; None for a whole period.
 
     Raises:
-        LogError: less than two periods, or a period of less than twenty samples.
+        LogError: less than two periods, a period of less than twenty samples, one that is not the motion's.
     """
     step = recording.period
     samples = round(period / step)
@@ -76,14 +80,16 @@ def fold_recording(recording: Recording, period: float) -> FoldedRecording:
         ]
     )
     mean = whole.mean(axis=1)
-    position, torque = (np.tile(part, (3, 1)) for part in mean)
+    margin = samples if margin is None else margin
+    places = np.arange(-margin, samples + margin)
+    position, torque = (part[places % samples] for part in mean)
     free = periods / (periods - 1)
     scatter = np.sqrt(free * np.mean((whole[1] - mean[1]) ** 2, axis=(0, 1)))
     text = f"{periods} periods of {period:g} s were averaged, as --period asks"
     notices = (Notice(code="log.folded", text=text, file=recording.source), *_warn(whole[0], recording))
     folded = replace(
         recording,
-        time=recording.time[0] + np.arange(3 * samples) * period / samples,
+        time=recording.time[0] + np.arange(len(places)) * period / samples,
         position=position,
         torque=torque,
         velocity=None,
@@ -114,7 +120,11 @@ def _cut(
 
 
 def _warn(position: FloatArray, recording: Recording) -> tuple[Notice, ...]:
-    """Return a notice where periods are not alike."""
+    """Return a notice where periods are not alike.
+
+    Raises:
+        LogError: they have nothing in common.
+    """
     spread = np.ptp(position.mean(axis=0), axis=0)
     apart = np.sqrt(np.mean((position - position.mean(axis=0)) ** 2, axis=(0, 1)))
     moving = spread > 0.0
@@ -123,7 +133,12 @@ def _warn(position: FloatArray, recording: Recording) -> tuple[Notice, ...]:
     if worst <= _DRIFT or float(np.max(apart)) <= _DRIFT * float(np.max(spread)):
         return ()
     text = (
-        f"the positions of the periods differ by {100.0 * worst:.2g} % of their range: the period is not the "
-        "motion's, or the motion drifts; give the right --period, or none"
+        f"the positions of the periods differ by {100.0 * worst:.3g} % of their range: the period is not "
+        "the motion's, or the motion drifts; give the right --period, one for each log where they differ, or "
+        "none"
     )
-    return (Notice(code="log.not-periodic", text=text, file=recording.source),)
+    notice = Notice(code="log.not-periodic", text=text, file=recording.source)
+    # What rests has no period: the joint that moves most tells.
+    if float(np.max(apart)) > _WRONG * float(np.max(spread)):
+        raise LogError(notice)
+    return (notice,)

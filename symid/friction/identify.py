@@ -9,7 +9,6 @@ part that is fitted along or known; laws with a smoothed sign; mean periods of c
 Not supported: elastic joints; friction with a state.
 """
 
-import difflib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -22,25 +21,31 @@ from symid.data.cuts import cut_ends
 from symid.data.recording import Recording
 from symid.errors import IdentifiabilityError, Notice, UsageError
 from symid.friction.estimate import FrictionEstimate
-from symid.friction.estimators import ESTIMATORS, STOCHASTIC, fit_friction
+from symid.friction.estimators import STOCHASTIC, check_estimator, fit_friction
 from symid.friction.extraction import ExtractedJoint, JointLogs, extract_joint, prepare_joint_logs
 from symid.friction.folding import fold_recording
 from symid.friction.map import find_velocity_map
 from symid.friction.options import FrictionOptions
+from symid.friction.patterns import warn_of_pattern
 from symid.friction.poses import find_pose_test
 from symid.friction.reduction import find_rows
 from symid.friction.results import FrictionIdentification, JointFriction
 from symid.friction.samples import FrictionSamples
 from symid.friction.selection import CANDIDATES, LawSelection, predict_rows, select_law
 from symid.identification.estimate import Residual
-from symid.joint.friction_law import FrictionLaw
+from symid.joint.friction_law import FrictionLaw, find_columns
 from symid.joint.friction_laws import get_law
 from symid.robot.log_map import Processing
 
-__all__ = ["AUTO", "FrictionTask", "identify_friction"]
+__all__ = ["AUTO", "FrictionTask", "check_inputs", "identify_friction", "warn_of_inertia"]
 
 AUTO = "auto"
 """The name under which a law is chosen on what was held back."""
+_NOT_PERIODIC = "log.not-periodic"
+_SURE = 2.0
+"""Standard deviations below zero from which an inertia is surely negative."""
+_MUCH = 30.0
+"""Percent of the torque unexplained from which the log itself is in doubt."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,11 +54,12 @@ class FrictionTask:
 
     Args:
         model: name of a law, or `AUTO`; candidates: laws among which is chosen then.
-        estimator: of the final fit, one of `ESTIMATORS`.
+        estimator: of the final fit, one of `estimators.ESTIMATORS`.
         options: of the estimators.
         beta: (p,) base parameters that are known, in the order of the model card; None to fit the rigid part.
         smoothing: speed v0 in rad/s or m/s over which all laws change their sign, 0 for a jump.
-        period: of cosine motions in s, to average over their periods; None to leave logs as they are.
+        periods: of cosine motions in s, one for all logs or one for each, to average over them; empty to
+            leave logs as they are.
         poses: whether poses are compared where there are several.
     """
 
@@ -63,7 +69,7 @@ class FrictionTask:
     options: FrictionOptions = field(default_factory=FrictionOptions)
     beta: FloatArray | None = None
     smoothing: float = 0.0
-    period: float | None = None
+    periods: tuple[float, ...] = ()
     poses: bool = True
 
 
@@ -85,16 +91,16 @@ def identify_friction(
         echo: further settings to keep with the result.
 
     Raises:
-        UsageError: no such law or estimator, or no recording.
-        LogError: a recording does not fit the robot, or cannot be processed.
+        UsageError: no such law or estimator, or no recording; a smoothing that the law has no use for.
+        LogError: a recording does not fit the robot, cannot be processed, or has another period.
         IdentifiabilityError: nothing can be learnt of any joint.
         SolverError: a search ended without usable numbers.
     """
     task = task or FrictionTask()
     _check_task(task, recordings)
     notices: tuple[Notice, ...] = ()
-    if task.period is not None:
-        recordings, processing, notices = _fold(recordings, processing, task.period)
+    if task.periods:
+        recordings, processing, notices = _fold(recordings, processing, task.periods)
     logs = prepare_joint_logs(library, recordings, processing)
     joints: list[JointFriction] = []
     refused: list[tuple[str, str]] = []
@@ -106,8 +112,9 @@ def identify_friction(
             refused.append((card.name, "; ".join(entry.text for entry in error.notices)))
             continue
         joints.append(found)
+        notices += _warn_of_poses(found)
         notices += (*extracted.notices, *(_name_joint(entry, card.name) for entry in found.estimate.notices))
-    _check_told(joints, refused)
+    _check_told(joints, refused, [entry for entry in notices if entry.code == _NOT_PERIODIC])
     notices += tuple(
         Notice(code="friction.joint-refused", text=f"no friction law: {reason}") for _, reason in refused
     )
@@ -127,33 +134,34 @@ def identify_friction(
 def _check_task(task: FrictionTask, recordings: Sequence[Recording]) -> None:
     if not recordings:
         raise UsageError(Notice(code="usage.no-log", text="no log was given: name at least one"))
-    if task.model != AUTO:
-        get_law(task.model)
-    if task.estimator not in ESTIMATORS:
-        near = difflib.get_close_matches(task.estimator, ESTIMATORS, n=1, cutoff=0.4)
-        hint = f"; did you mean {near[0]}?" if near else ";"
+    if task.model != AUTO and (unused := _warn_of_smoothing(get_law(task.model, smoothing=task.smoothing))):
+        raise UsageError(Notice(code="usage.friction-smoothing", text=f"{unused[0].text}; leave it out"))
+    if len(task.periods) not in {0, 1, len(recordings)}:
         text = (
-            f"no estimator of friction is called {task.estimator!r}{hint} there are {', '.join(ESTIMATORS)}"
+            f"{len(task.periods)} periods were given for {len(recordings)} logs: give one for all of them, "
+            "or one for each in their order"
         )
-        raise UsageError(Notice(code="usage.friction-estimator", text=text))
+        raise UsageError(Notice(code="usage.friction-periods", text=text))
+    check_estimator(task.estimator)
 
 
 def _fold(
-    recordings: Sequence[Recording], processing: Processing, period: float
+    recordings: Sequence[Recording], processing: Processing, periods: Sequence[float]
 ) -> tuple[tuple[Recording, ...], Processing, tuple[Notice, ...]]:
-    """Return mean periods, and the processing that uses the middle one of three copies."""
+    """Return mean periods, continued on both sides, and the processing that cuts off what continues them."""
     cut = [cut_ends(entry, processing.drop_first, processing.drop_last) for entry in recordings]
-    folded = [fold_recording(entry, period) for entry in cut]
-    samples = min(entry.samples for entry in folded)
+    each = periods if len(periods) == len(cut) else [periods[0]] * len(cut)
+    margin = max(round(period / entry.period) for entry, period in zip(cut, each, strict=True))
+    folded = [fold_recording(entry, period, margin=margin) for entry, period in zip(cut, each, strict=True)]
     notices = tuple(
         notice
         for entry in folded
         for notice in entry.recording.notices
-        if notice.code in {"log.folded", "log.not-periodic"}
+        if notice.code in {"log.folded", _NOT_PERIODIC}
     )
     return (
         tuple(entry.recording for entry in folded),
-        replace(processing, drop_first=samples, drop_last=samples),
+        replace(processing, drop_first=margin, drop_last=margin),
         notices,
     )
 
@@ -170,9 +178,17 @@ def _identify_joint(
         )
         name = selection.chosen
     law = get_law(name, smoothing=task.smoothing)
+    check_inputs(samples, law)
     generator = np.random.default_rng(task.options.seed) if task.estimator in STOCHASTIC else None
     estimate = fit_friction(samples, law, estimator=task.estimator, options=task.options, generator=generator)
-    estimate = _refuse_unseen(samples, law, estimate)
+    residual = _find_residual(samples, law, estimate, card.torque_unit)
+    warnings = (
+        *warn_of_pattern(samples, law, estimate),
+        *warn_of_inertia(estimate),
+        *_warn_of_rest(residual),
+        *_warn_of_smoothing(law),
+    )
+    estimate = replace(estimate, notices=(*estimate.notices, *warnings))
     runs = logs.find_moving(joint)
     return JointFriction(
         estimate=estimate,
@@ -181,7 +197,7 @@ def _identify_joint(
         unit=card.torque_unit,
         velocity_unit=f"{card.position_unit}/s",
         rigid=extracted.rigid,
-        residual=_find_residual(samples, law, estimate, card.torque_unit),
+        residual=residual,
         selection=selection,
         poses=find_pose_test(library, logs, joint, law, beta=task.beta) if task.poses else None,
         velocity_map=find_velocity_map(samples, estimate.other),
@@ -194,32 +210,69 @@ def _keep_bounds(options: FrictionOptions) -> FrictionOptions:
     return replace(options, bounds=())
 
 
-def _refuse_unseen(
-    samples: FrictionSamples, law: FrictionLaw, estimate: FrictionEstimate
-) -> FrictionEstimate:
-    """Return the estimate without what lies below the slowest row that was kept."""
-    slowest = float(np.min(np.abs(find_rows(samples).velocity)))
-    shapes = [entry.name for entry in law.shape]
-    if "vs" not in shapes or estimate.shape[shapes.index("vs")] >= slowest:
-        return estimate
-    place = len(law.linear) + shapes.index("vs")
-    lost = {place, *(k for k, entry in enumerate(law.linear) if entry.name.startswith("Fs"))}
-    hanging = {
-        entry.name for entry, row in zip(law.physical, law.mixing, strict=True) if any(row[k] for k in lost)
-    }
-    gone = [entry.name for entry in estimate.parameters if entry.name in hanging]
-    if not gone:
-        return estimate
-    unit = "m/s" if samples.prismatic else "rad/s"
-    reason = f"no row is slower than the Stribeck velocity: the slowest moves at {slowest:.3g} {unit}"
-    return replace(
-        estimate,
-        parameters=tuple(entry for entry in estimate.parameters if entry.name not in hanging),
-        refused=(*estimate.refused, *((name, reason) for name in gone)),
-        notices=(
-            *estimate.notices,
-            *(Notice(code="friction.refused", text=f"{name} gets no number: {reason}") for name in gone),
-        ),
+def check_inputs(samples: FrictionSamples, law: FrictionLaw) -> None:
+    """Refuse a law of the load where no load shows.
+
+    Raises:
+        IdentifiabilityError: the law reads what these logs do not tell.
+    """
+    if "load" in law.inputs and samples.load is None:
+        text = (
+            f"joint {samples.joint!r}: law {law.name!r} reads the load, and none shows: links and payload "
+            "take too little of this joint's torque; move it against gravity or with more acceleration, give "
+            "base parameters with --known, or name a law without load"
+        )
+        raise IdentifiabilityError(Notice(code="friction.no-load", text=text))
+
+
+def _warn_of_smoothing(law: FrictionLaw) -> tuple[Notice, ...]:
+    """Return a notice where a smoothed sign is asked of a law that has none."""
+    if not law.smoothing:
+        return ()
+    near = np.array([-2.0, -0.5, 0.5, 2.0]) * law.smoothing
+    inputs = {name: np.ones(len(near)) for name in law.inputs} | {"velocity": near}
+    shape = [min(max(1.0, entry.lower), entry.upper) for entry in law.shape]
+    smooth, sharp = (find_columns(entry, inputs, shape) for entry in (law, get_law(law.name)))
+    if not np.array_equal(smooth, sharp):
+        return ()
+    text = f"--smoothing changes nothing of law {law.name!r}, which has no sign that jumps"
+    return (Notice(code="friction.smoothing-unused", text=text),)
+
+
+def warn_of_inertia(estimate: FrictionEstimate) -> tuple[Notice, ...]:
+    """Return a notice where the rigid part has an inertia or a mass below zero."""
+    found = next((entry for entry in estimate.extra if entry.name == "J" and entry.value < 0.0), None)
+    if found is None:
+        return ()
+    size = f"J = {found.value:.4g} +- {found.std:.2g} {found.unit} is negative, which no inertia is"
+    sure = found.value < -_SURE * found.std
+    reason = (
+        "the torque may have the wrong sign or a unit be wrong, or the law leaves to J what it misses; check "
+        "the log's columns (log.torque) and scales"
+        if sure
+        else "within its uncertainty it is zero: the motion accelerates too little to show it"
+    )
+    return (Notice(code="friction.negative-inertia", text=f"{size}: {reason}"),)
+
+
+def _warn_of_rest(residual: Residual) -> tuple[Notice, ...]:
+    """Return a notice where most of the torque stays unexplained."""
+    if residual.relative_percent <= _MUCH:
+        return ()
+    text = (
+        f"law and rigid part leave {residual.relative_percent:.3g} % of the torque unexplained: check units "
+        "(radians, not degrees; torque of the joint, not of the motor), columns and signs of the log, and "
+        "whether torque and position were taken at the same times"
+    )
+    return (Notice(code="friction.unexplained", text=text),)
+
+
+def _warn_of_poses(found: JointFriction) -> tuple[Notice, ...]:
+    """Return a notice for every pose that could not be fitted."""
+    skipped = () if found.poses is None else found.poses.skipped
+    return tuple(
+        Notice(code="friction.pose-skipped", text=f"{sources}: left out of the comparison of poses: {reason}")
+        for sources, reason in skipped
     )
 
 
@@ -243,7 +296,9 @@ def _name_joint(notice: Notice, joint: str) -> Notice:
     return replace(notice, text=f"joint {joint!r}: {notice.text}")
 
 
-def _check_told(joints: Sequence[JointFriction], refused: Sequence[tuple[str, str]]) -> None:
+def _check_told(
+    joints: Sequence[JointFriction], refused: Sequence[tuple[str, str]], doubts: Sequence[Notice]
+) -> None:
     """Refuse a result without a single number.
 
     Raises:
@@ -255,7 +310,7 @@ def _check_told(joints: Sequence[JointFriction], refused: Sequence[tuple[str, st
     for entry in joints:
         told = "; ".join(f"{name}: {reason}" for name, reason in entry.estimate.refused)
         reasons.append(f"joint {entry.joint!r}, law {entry.estimate.law}: {told}")
-    raise IdentifiabilityError(*(Notice(code="friction.nothing", text=text) for text in reasons))
+    raise IdentifiabilityError(*(Notice(code="friction.nothing", text=text) for text in reasons), *doubts)
 
 
 def _echo(task: FrictionTask, logs: JointLogs, echo: Mapping[str, object]) -> Mapping[str, object]:
@@ -266,7 +321,7 @@ def _echo(task: FrictionTask, logs: JointLogs, echo: Mapping[str, object]) -> Ma
         "model": task.model,
         "estimator": task.estimator,
         "smoothing": task.smoothing,
-        "period": task.period,
+        "period": list(task.periods) or None,
         "rigid": "fitted along" if task.beta is None else "known",
         "seed": task.options.seed,
     }

@@ -35,6 +35,7 @@ class VelocityMap:
         velocity: (B,) mean of each interval, rad/s or m/s, rising. torque: (B,) mean, N m or N.
         spread: (B,) standard deviation of the rows. count: (B,) rows.
         cloud_velocity, cloud_torque: (C,) single rows, evenly over time.
+        slowest: speed of the slowest row of all, rad/s or m/s.
     """
 
     velocity: FloatArray
@@ -43,6 +44,7 @@ class VelocityMap:
     count: FloatArray
     cloud_velocity: FloatArray
     cloud_torque: FloatArray
+    slowest: float = 0.0
 
     def __post_init__(self) -> None:
         """Copy the arrays and make them read-only."""
@@ -86,4 +88,5 @@ def find_velocity_map(
         count=table[:, 3],
         cloud_velocity=rows.velocity[kept],
         cloud_torque=torque[kept],
+        slowest=float(np.min(np.abs(rows.velocity), initial=np.inf)),
     )

@@ -19,12 +19,12 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.friction.estimate import FrictionOutcome
 from symid.friction.nlp_cost import NlpCost
-from symid.friction.nlp_status import find_ipopt_outcome
 from symid.friction.options import FrictionNlpOptions
 from symid.friction.problem import FrictionProblem
+from symid.friction.projection import Projector
 from symid.friction.search import FrictionSearch
-from symid.friction.variable_projection import Projector
 from symid.identification.ipopt_functions import build_ipopt_functions
+from symid.identification.ipopt_status import find_ipopt_ending
 
 __all__ = ["search_by_nlp"]
 
@@ -148,7 +148,8 @@ def _run_ipopt(
     solver = casadi.nlpsol("friction", "ipopt", {"x": unknowns, "f": functions.value(unknowns)}, settings)
     answer = solver(x0=start / scales, lbx=low / scales, ubx=high / scales)
     statistics = solver.stats()
-    outcome, ended = find_ipopt_outcome(str(statistics["return_status"]))
+    name, reason = find_ipopt_ending(str(statistics["return_status"]))
+    outcome, ended = FrictionOutcome[name], f"Ipopt ended: {reason}"
     x = np.clip(np.array(answer["x"], dtype=np.float64).ravel() * scales, low, high)
     if not np.all(np.isfinite(x)):
         x, outcome, ended = start, FrictionOutcome.FAILED, f"{ended}, without finite numbers"

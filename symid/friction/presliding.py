@@ -152,7 +152,7 @@ def fit_presliding(
     """Return the parameters of a law with a memory, all from the same samples.
 
     Raises:
-        IdentifiabilityError: no positions, or nothing moves.
+        IdentifiabilityError: no positions, nothing moves, or there are fewer rows than unknowns.
         UsageError: times that do not increase within a recording.
     """
     from scipy.optimize import least_squares
@@ -216,11 +216,24 @@ def _is_flat(problem: PreslidingProblem, values: list[float], covariance: FloatA
     return bool(gap**2 < 9.0 * variance)
 
 
+def _find_damping(problem: PreslidingProblem, torque: FloatArray) -> float:
+    """Return the damping whose torque would be as large as the torque explained (M,), at the median speed."""
+    speeds = np.abs(problem.path.held[problem.path.held != 0.0])
+    return float(np.sqrt(np.mean(torque**2)) / np.median(speeds))
+
+
 def _sort_entries(
-    problem: PreslidingProblem, largest: float, values: list[float], other: FloatArray, covariance: FloatArray
+    problem: PreslidingProblem,
+    limits: tuple[float, float],
+    values: list[float],
+    other: FloatArray,
+    covariance: FloatArray,
 ) -> tuple[list[ParameterEstimate], list[tuple[str, str]]]:
-    """Return what the samples tell, and what they do not."""
-    samples = problem.samples
+    """Return what the samples tell, and what they do not.
+
+    `limits` are the largest relative deviation and the damping that it is relative to where one is zero.
+    """
+    samples, (largest, damping) = problem.samples, limits
     units = samples.extra_units or ("",) * len(samples.extra_names)
     entries = [(_find_entry(problem, k), values[k]) for k in problem.free]
     entries += list(zip(zip(samples.extra_names, units, strict=True), other.tolist(), strict=True))
@@ -228,7 +241,8 @@ def _sort_entries(
     told, refused = [], []
     for ((name, unit), value), variance in zip(entries, np.diag(covariance).tolist(), strict=True):
         std = float(np.sqrt(variance))
-        at_zero = name in LINEAR_PARAMETERS and value <= 1e-6 * std
+        # Only what would have shown in the torque is known to be none.
+        at_zero = name in LINEAR_PARAMETERS and value <= 1e-6 * std and std <= largest * damping
         if name == "vs" and flat:
             text = f"joint {samples.joint!r}: vs has no meaning: static and Coulomb friction do not differ"
             refused.append((name, text))
@@ -252,7 +266,8 @@ def _build_estimate(
     objective = float(residual @ residual)
     sigma = float(np.sqrt(objective / max(residual.size - unknowns.size, 1)))
     covariance = _find_covariance(problem.find_columns(values), sigma)
-    told, refused = _sort_entries(problem, options.largest_std, values, other, covariance)
+    limits = (options.largest_std, _find_damping(problem, residual + problem.target))
+    told, refused = _sort_entries(problem, limits, values, other, covariance)
     own = [entry for entry in told if entry.name in problem.law.names]
     evaluations, outcome = ending
     if outcome is FrictionOutcome.CONVERGED and refused:

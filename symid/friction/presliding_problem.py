@@ -115,7 +115,7 @@ def build_presliding_problem(
     """Return the problem; values in `fixed` that the law lacks are ignored.
 
     Raises:
-        IdentifiabilityError: no positions, or nothing moves.
+        IdentifiabilityError: no positions, nothing moves, or there are not more rows than unknowns.
         UsageError: times that do not increase within a recording, or every parameter is fixed.
     """
     if set(law.names) <= set(fixed):
@@ -123,6 +123,10 @@ def build_presliding_problem(
         raise UsageError(Notice(code="friction.presliding-options", text=text))
     target = samples.pass_columns(samples.torque[:, None])[:, 0]
     wide = samples.extra.shape[1] > 0
+    unknowns = sum(name not in fixed for name in law.names) + samples.extra.shape[1]
+    if target.size <= unknowns:
+        text = f"joint {samples.joint!r}: {target.size} rows cannot tell {unknowns} unknowns of {law.name!r}"
+        raise IdentifiabilityError(Notice(code="friction.few-rows", text=text))
     return PreslidingProblem(
         samples=samples,
         law=law,

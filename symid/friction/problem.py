@@ -80,6 +80,18 @@ class FrictionProblem:
         bounds = np.array([entry.upper for entry in self.law.linear])
         return np.asarray(np.minimum(bounds, self.size))
 
+    def find_physical_box(self) -> tuple[FloatArray, FloatArray]:
+        """Return the least and the greatest physical parameters that a bounded search may try: (p + s,) each.
+
+        Physical bounds where they bind, as fS >= 0, else what sums of linear parameters in their box reach.
+        """
+        mixing = np.array(self.law.mixing, dtype=np.float64)
+        low, high = np.concatenate([self.lower, self.low]), np.concatenate([self.upper, self.high])
+        up, down = np.maximum(mixing, 0.0), np.minimum(mixing, 0.0)
+        least = np.maximum([entry.lower for entry in self.law.physical], up @ low + down @ high)
+        most = np.minimum([entry.upper for entry in self.law.physical], up @ high + down @ low)
+        return least, most
+
     def encode(self, shape: Sequence[float] | FloatArray) -> FloatArray:
         """Return coordinates z of shape values (..., s): logarithms where they are positive."""
         values = np.array(shape, dtype=np.float64)

@@ -17,13 +17,14 @@ from typing import TYPE_CHECKING, Union, cast, get_args, get_origin, get_type_hi
 
 import numpy as np
 
-from symid.errors import EstimateError, Notice
+from symid.errors import EstimateError, Notice, UsageError
 from symid.friction.estimate import FrictionEstimate
 from symid.friction.map import VelocityMap
 from symid.friction.poses import PoseTest
 from symid.friction.selection import LawSelection
 from symid.identification.estimate import Residual
 from symid.identification.storage import write_file
+from symid.joint.friction_laws import get_law
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -127,9 +128,17 @@ def read_friction_result(path: Path) -> FrictionIdentification:
         raise _refuse(path, f"version {data.get('version')!r} of the format; this symid reads {_VERSION}")
     try:
         body = {key: value for key, value in data.items() if key not in {"format", "version"}}
-        return cast("FrictionIdentification", _read(FrictionIdentification, body, "result"))
+        result = cast("FrictionIdentification", _read(FrictionIdentification, body, "result"))
+        mistakes = [text for joint in result.joints for text in _find_mistakes(joint)]
+    except UsageError as error:
+        raise _refuse(path, "; ".join(entry.text for entry in error.notices)) from error
     except (TypeError, ValueError, KeyError, AttributeError, OverflowError) as error:
         raise _refuse(path, str(error)) from error
+    if not result.joints:
+        mistakes.append("result.joints is empty")
+    if mistakes:
+        raise EstimateError(*(_tell(path, text) for text in mistakes))
+    return result
 
 
 def is_friction_result(path: Path) -> bool:
@@ -141,8 +150,53 @@ def is_friction_result(path: Path) -> bool:
     return isinstance(data, dict) and data.get("format") == _FORMAT
 
 
+def _find_mistakes(joint: JointFriction) -> list[str]:
+    """Return where arrays of a joint do not fit its law or each other.
+
+    Raises:
+        UsageError: there is no law of this name.
+    """
+    estimate, seen = joint.estimate, joint.velocity_map
+    law = get_law(estimate.law, smoothing=joint.smoothing)
+    size = len(law.linear) + len(law.shape) + len(estimate.other)
+    lengths = [
+        ("estimate.linear", len(estimate.linear), len(law.linear)),
+        ("estimate.shape", len(estimate.shape), len(law.shape)),
+        ("estimate.covariance", len(estimate.covariance), size),
+        *((f"estimate.covariance, row {k}", len(row), size) for k, row in enumerate(estimate.covariance)),
+        *(
+            (f"velocity_map.{name}", len(getattr(seen, name)), len(seen.velocity))
+            for name in ("torque", "spread", "count")
+        ),
+        ("velocity_map.cloud_torque", len(seen.cloud_torque), len(seen.cloud_velocity)),
+    ]
+    for entry in () if joint.poses is None else joint.poses.parameters:
+        many = len(joint.poses.poses) if joint.poses is not None else 0
+        lengths += [(f"poses, values of {entry.name}", len(entry.values), many)]
+        lengths += [(f"poses, stds of {entry.name}", len(entry.stds), many)]
+        lengths += [(f"poses, freedom of {entry.name}", len(entry.freedom) or many, many)]
+    mistakes = [
+        f"joint {joint.joint!r}: {name} has {length} entries, not {wanted}"
+        for name, length, wanted in lengths
+        if length != wanted
+    ]
+    if not len(seen.cloud_velocity):
+        mistakes.append(f"joint {joint.joint!r}: velocity_map.cloud_velocity is empty")
+    numbers = (*estimate.linear, *estimate.shape, *seen.cloud_velocity, *seen.cloud_torque)
+    if not all(map(math.isfinite, numbers)):
+        mistakes.append(f"joint {joint.joint!r}: values of the law or of measured rows are not numbers")
+    chosen = joint.selection and joint.selection.chosen
+    if joint.selection and chosen not in {trial.law for trial in joint.selection.trials}:
+        mistakes.append(f"joint {joint.joint!r}: selection.chosen {chosen!r} is none of the laws tried")
+    return mistakes
+
+
 def _refuse(path: Path, text: str) -> EstimateError:
-    return EstimateError(Notice(code="estimate.format", text=text, file=str(path)))
+    return EstimateError(_tell(path, text))
+
+
+def _tell(path: Path, text: str) -> Notice:
+    return Notice(code="estimate.format", text=text, file=str(path))
 
 
 def _write_plain(value: object) -> object:

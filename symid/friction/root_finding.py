@@ -21,8 +21,9 @@ from symid.friction.doubts import is_one_sided
 from symid.friction.estimate import FrictionOutcome
 from symid.friction.options import RootFindingOptions
 from symid.friction.problem import FrictionProblem
+from symid.friction.projection import Projection, Projector
+from symid.friction.reduction import find_rows
 from symid.friction.search import FrictionSearch
-from symid.friction.variable_projection import Projection, Projector
 
 __all__ = ["search_by_roots"]
 
@@ -90,7 +91,7 @@ def _find_place(problem: FrictionProblem) -> int:
             f"root finding needs a law with one shape value to search; {problem.law.name!r} has {len(free)} "
             "here: use the estimator 'varpro'"
         )
-    if not is_one_sided(problem.samples.velocity):
+    if not is_one_sided(find_rows(problem.samples).velocity):
         mistakes.append(
             "root finding is for motion in one direction, and these samples hold both: "
             "use the estimator 'varpro'"

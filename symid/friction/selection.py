@@ -8,6 +8,9 @@ best, up to one standard error of the difference over the blocks, the one with t
 (the rule of one standard error, paired: Breiman, Friedman, Olshen and Stone 1984). A law with parameters that
 the samples cannot tell is not taken, however well it foretells.
 
+Without a block, a law's shape values are searched within a factor of four about those of the fit to all rows:
+these bounds, and they alone, know of the block.
+
 Supported: any laws, several recordings. Rows next to a held-back block are left out of the fit: they share
 its filter.
 Not supported: random samples held back, which neighbours give away.
@@ -185,21 +188,48 @@ def select_law(
         reasons = "; ".join(dict.fromkeys(failed.values()))
         text = f"joint {samples.joint!r}: no law can be fitted to this log: {reasons}"
         raise IdentifiabilityError(Notice(code="friction.no-law", text=text))
-    whole = [score for score in scores if not score.untold]
-    # Where no law can be told whole, the plainest one shows best what is left.
-    eligible = whole or [min(scores, key=lambda score: score.unknowns)]
-    best = min(eligible, key=lambda score: float(score.errors.sum()))
-    near = [score for score in eligible if _find_distance(score, best) <= 1.0]
-    chosen = min(near, key=lambda score: (score.unknowns, float(score.errors.sum())))
-    baseline = next((score for score in scores if score.law.name == _BASELINE), None)
+    scores, best, chosen = _choose(samples, scores, options)
+    baseline = _find_baseline(scores)
     trials = [_describe(score, best, baseline, rows, number) for score in scores]
     trials += [LawTrial(law=name, unknowns=_count(name), reason=reason) for name, reason in failed.items()]
     return LawSelection(
         trials=tuple(sorted(trials, key=_find_rank)),
         chosen=chosen.law.name,
-        verdict=_write_verdict(samples, chosen, best, baseline, int(np.sum(number >= 0))),
+        verdict=_write_verdict(samples, scores, chosen, best, int(np.sum(number >= 0))),
         blocks=int(number.max()) + 1,
     )
+
+
+def _choose(
+    samples: FrictionSamples, scores: Sequence[_Score], options: FrictionOptions
+) -> tuple[list[_Score], _Score, _Score]:
+    """Return the scores, the best among laws that can be told, and the one taken.
+
+    A law is taken only where a fit of full effort, too, can tell its parameters: a search of little effort
+    may end where they look known.
+    """
+    tried = list(scores)
+    surely: set[str] = set()
+    while True:
+        whole = [score for score in tried if not score.untold]
+        # Where no law can be told whole, the plainest one shows best what is left.
+        eligible = whole or [min(tried, key=lambda score: score.unknowns)]
+        best = min(eligible, key=lambda score: float(score.errors.sum()))
+        near = [score for score in eligible if _find_distance(score, best) <= 1.0]
+        chosen = min(near, key=lambda score: (score.unknowns, float(score.errors.sum())))
+        # The best sets what the others are measured by, so that it must be known as surely.
+        doubtful = {score.law.name for score in (best, chosen) if score.law.shape and whole} - surely
+        if not doubtful:
+            return tried, best, chosen
+        surely |= doubtful
+        for place, score in enumerate(tried):
+            if score.law.name in doubtful:
+                full = fit_friction(samples, score.law, options=options)
+                tried[place] = replace(score, estimate=full)
+
+
+def _find_baseline(scores: Sequence[_Score]) -> _Score | None:
+    return next((score for score in scores if score.law.name == _BASELINE), None)
 
 
 def _find_rank(trial: LawTrial) -> float:
@@ -285,9 +315,15 @@ def _describe(
 
 
 def _write_verdict(
-    samples: FrictionSamples, chosen: _Score, best: _Score, baseline: _Score | None, held: int
+    samples: FrictionSamples,
+    scores: Sequence[_Score],
+    chosen: _Score,
+    best: _Score,
+    held: int,
 ) -> str:
     """Return why the law was taken, in sentences."""
+    baseline = _find_baseline(scores)
+    untold = any(score.untold and score.errors.sum() < best.errors.sum() for score in scores)
     unit = "N" if samples.prismatic else "N m"
 
     def rms(score: _Score) -> float:
@@ -297,11 +333,14 @@ def _write_verdict(
         return (
             f"these logs tell no law whole; {chosen.law.name}, the plainest, is shown with what can be told."
         )
+    among = "Of the laws that these logs tell whole, " if untold else ""
     if chosen is best:
-        text = f"{chosen.law.name} foretells the blocks held back best, to {rms(chosen):.3g} {unit} RMS"
+        text = (
+            f"{among}{chosen.law.name} foretells the blocks held back best, to {rms(chosen):.3g} {unit} RMS"
+        )
     else:
         text = (
-            f"{best.law.name} foretells the blocks held back best, to {rms(best):.4g} {unit} RMS; "
+            f"{among}{best.law.name} foretells the blocks held back best, to {rms(best):.4g} {unit} RMS; "
             f"{chosen.law.name} does so to {rms(chosen):.4g} {unit} with {chosen.unknowns} unknowns in place "
             f"of {best.unknowns}, and the difference is within its standard error over the blocks: taken"
         )

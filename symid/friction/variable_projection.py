@@ -17,22 +17,19 @@ beside friction. Not supported: bounds of linear parameters (`nlp`); proof that 
 """
 
 import itertools
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
+from symid.friction.descent import IntArray, descend
 from symid.friction.estimate import FrictionOutcome
 from symid.friction.options import VariableProjectionOptions
 from symid.friction.problem import FrictionProblem
+from symid.friction.projection import Projection, Projector
 from symid.friction.search import FrictionSearch
 
-__all__ = ["Projection", "Projector", "find_grid", "search_by_projection"]
+__all__ = ["find_grid", "search_by_projection"]
 
-IntArray = NDArray[np.int64]
-_DEPENDENT = 1e-11
-_VANISHED = 1e-9
 _KINKED = frozenset({"dq0"})
 """Shape values with a kink in J at every speed sampled: the edge of the linear zone."""
 _JUMPING = frozenset({"dqs"})
@@ -40,72 +37,24 @@ _JUMPING = frozenset({"dqs"})
 _EXCHANGED = (("g2", "g3"),)
 """Shape values that may be exchanged, as only a sign changes with them: the first is the greater one."""
 _NEXT = 1.5
-_DAMPING = 1e-3
+_PATIENCE = 3
+"""Steps in a row that may fail near a kink: across it the model of J holds for none."""
+_SETTLED = 1e-10
+"""Part of J that a side of a kink may promise."""
+_INSIDE = 1e-8
+"""Distance to the ends of an interval between jumps, by its width."""
+_ONE_JUMP = 1e-6
+_ACROSS = 3e-8
+"""Step from there over the jump, by the same width."""
+_APPROACH = 10
+"""Steps towards an optimum in a kink, which steps alone do not reach."""
 _VISITS = 2
 _CANDIDATES = 8
+_RESERVE = 12
+"""Solves kept to end what is smooth once the kinks were visited."""
 _DEVIATIONS = 4.0
 _ROUNDS = 5
 _CLOSER = 0.4
-_LONGEST = 1.5
-"""Step in a logarithm at most."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Projection:
-    """The linear problem at one shape: J, residual (M,), linear (p,), basis of the columns (M, r)."""
-
-    z: FloatArray
-    shape: FloatArray
-    objective: float
-    residual: FloatArray
-    linear: FloatArray
-    basis: FloatArray
-
-
-class Projector:
-    """Solves linear problems and counts them."""
-
-    def __init__(self, problem: FrictionProblem, limit: int) -> None:
-        """Keep the problem; `limit` is the most that may be solved."""
-        self.problem, self.limit, self.solves, self.evaluations = problem, limit, 0, 0
-
-    @property
-    def exhausted(self) -> bool:
-        """Return whether less is left than one more step with its trial takes."""
-        return self.solves + 2 > self.limit
-
-    def project(self, z: FloatArray) -> Projection:
-        """Return the least-squares solution at coordinates z (s,), of least norm in scaled columns."""
-        self.solves += 1
-        self.evaluations += 1
-        shape = self.problem.decode(z)
-        columns = self.problem.find_columns(shape)
-        lengths = np.linalg.norm(columns, axis=0)
-        # A column that has all but vanished would get a parameter beyond all numbers.
-        gone = lengths <= _VANISHED * max(float(np.max(lengths)), 1e-300)
-        columns = np.where(gone, 0.0, columns)
-        lengths[gone] = 1.0
-        orthonormal, upper = np.linalg.qr(columns / lengths)
-        left, singular, right = np.linalg.svd(upper)
-        rank = int(np.sum(singular > _DEPENDENT * max(float(singular[0]), 1e-300)))
-        basis = orthonormal @ left[:, :rank]
-        parts = basis.T @ self.problem.target
-        residual = self.problem.target - basis @ parts
-        return Projection(
-            z=self.problem.encode(shape),
-            shape=shape,
-            objective=float(residual @ residual),
-            residual=residual,
-            linear=(right[:rank].T @ (parts / singular[:rank])) / lengths,
-            basis=basis,
-        )
-
-    def find_jacobian(self, state: Projection) -> FloatArray:
-        """Return Kaufman's Jacobian by the coordinates z: (M, s)."""
-        rates = self.problem.find_rates(state.shape, state.linear)
-        rates = rates * np.where(self.problem.is_logarithmic > 0.0, state.shape, 1.0)
-        jacobian: FloatArray = state.basis @ (state.basis.T @ rates) - rates
-        return jacobian
 
 
 def search_by_projection(problem: FrictionProblem, options: VariableProjectionOptions) -> FrictionSearch:
@@ -126,15 +75,30 @@ def search_by_projection(problem: FrictionProblem, options: VariableProjectionOp
         least = min(states, key=lambda state: state.objective)
         states = [_visit_jumps(projector, least, free, spacing, history)]
     starts = _choose_starts(states, spacing, options)
-    ends = [_descend(projector, start, free, tolerance=1e-2, steps=6, history=history) for start in starts]
+    ends = [descend(projector, start, free, tolerance=1e-2, steps=6, history=history) for start in starts]
     best = min((end for end, _ in ends), key=lambda state: state.objective)
-    best, done = _descend(projector, best, free, tolerance=options.tolerance, steps=60, history=history)
-    if any(problem.law.shape[place].name in _KINKED for place in free):
-        best = _visit_kinks(projector, best, free, options.tolerance, history)
+    best, done = _finish(projector, best, free, options.tolerance, history)
     outcome = FrictionOutcome.CONVERGED if done else FrictionOutcome.STALLED
     if projector.exhausted and not done:
         outcome = FrictionOutcome.LIMIT
     return _close(projector, best, tuple(history), outcome, len(history) - 1)
+
+
+def _finish(
+    projector: Projector, best: Projection, free: IntArray, tolerance: float, history: list[float]
+) -> tuple[Projection, bool]:
+    """Return the optimum next to `best`, and whether it is one; J may have kinks or jump."""
+    problem = projector.problem
+    names = {problem.law.shape[place].name for place in free}
+    if not names & (_KINKED | _JUMPING):
+        return descend(projector, best, free, tolerance=tolerance, steps=60, history=history)
+    patience = _PATIENCE if names & _KINKED else 2 * _PATIENCE
+    best, _ = descend(
+        projector, best, free, tolerance=tolerance, steps=_APPROACH, history=history, patience=patience
+    )
+    if names & _KINKED:
+        return _visit_kinks(projector, best, free, tolerance, history)
+    return _cross_jumps(projector, best, free, tolerance, history)
 
 
 def find_grid(problem: FrictionProblem, options: VariableProjectionOptions) -> list[FloatArray]:
@@ -180,56 +144,6 @@ def _choose_starts(
     return [states[index] for index in chosen]
 
 
-def _descend(
-    projector: Projector,
-    state: Projection,
-    free: IntArray,
-    *,
-    tolerance: float,
-    steps: int,
-    history: list[float],
-) -> tuple[Projection, bool]:
-    """Return the end of damped Gauss-Newton steps in the coordinates `free`, and whether it converged."""
-    problem = projector.problem
-    low, high = problem.encode(problem.low), problem.encode(problem.high)
-    damping = _DAMPING
-    jacobian, fresh = projector.find_jacobian(state), False
-    for _ in range(steps):
-        if projector.exhausted:
-            return state, False
-        if fresh:
-            jacobian = projector.find_jacobian(state)
-        fresh = False
-        slope = jacobian.T @ state.residual
-        held = ((state.z <= low) & (slope > 0.0)) | ((state.z >= high) & (slope < 0.0))
-        moving = free[~held[free]]
-        step = np.zeros(len(low))
-        if len(moving):
-            step[moving] = _solve_damped(jacobian[:, moving], state.residual, damping)
-            projector.solves += 1
-        step *= min(1.0, _LONGEST / max(float(np.max(np.abs(step))), 1e-300))
-        trial_z = np.clip(state.z + step, low, high)
-        if float(np.max(np.abs(trial_z - state.z), initial=0.0)) <= tolerance:
-            return state, True
-        trial = projector.project(trial_z)
-        if trial.objective < state.objective:
-            state, fresh, damping = trial, True, max(0.1 * damping, 1e-12)
-            history.append(min(history[-1], state.objective))
-        else:
-            damping *= 10.0 if damping > 1e-6 else 1e3
-    return state, False
-
-
-def _solve_damped(jacobian: FloatArray, residual: FloatArray, damping: float) -> FloatArray:
-    """Return argmin |r + J d|^2 + damping |D d|^2, D the lengths of J's columns, by QR."""
-    lengths = np.linalg.norm(jacobian, axis=0)
-    lengths[lengths == 0.0] = 1.0
-    scaled = np.vstack([jacobian / lengths, np.sqrt(damping) * np.eye(len(lengths))])
-    right = np.concatenate([-residual, np.zeros(len(lengths))])
-    step: FloatArray = np.linalg.lstsq(scaled, right, rcond=1e-13)[0] / lengths
-    return step
-
-
 def _visit_jumps(
     projector: Projector, best: Projection, free: IntArray, spacing: FloatArray, history: list[float]
 ) -> Projection:
@@ -237,7 +151,7 @@ def _visit_jumps(
     problem = projector.problem
     place = next(k for k in free if problem.law.shape[k].name in _JUMPING)
     others = free[free != place]
-    speeds = np.unique(problem.samples.velocity[problem.samples.velocity > problem.low[place]])
+    speeds = np.exp(_list_jumps(problem, int(place)))
     middles = np.log(0.5 * (speeds[1:] + speeds[:-1]))
     low, high = problem.encode(problem.low), problem.encode(problem.high)
     reach = float(spacing[place])
@@ -252,32 +166,108 @@ def _visit_jumps(
             z = np.array(best.z)
             z[place] = np.clip(middle, low[place], high[place])
             best = min(best, projector.project(z), key=lambda state: state.objective)
-        best, _ = _descend(projector, best, others, tolerance=1e-3, steps=3, history=history)
+        best, _ = descend(projector, best, others, tolerance=1e-3, steps=3, history=history)
         reach *= _CLOSER
     return best
 
 
+def _list_jumps(problem: FrictionProblem, place: int) -> FloatArray:
+    """Return coordinates (K,) at which J jumps, rising; speeds that differ by rounding make one jump."""
+    speeds = np.unique(problem.samples.velocity[problem.samples.velocity > problem.low[place]])
+    jumps = np.log(speeds)
+    return np.asarray(jumps[np.diff(jumps, prepend=-np.inf) > _ONE_JUMP])
+
+
+def _find_box(problem: FrictionProblem, state: Projection) -> tuple[FloatArray, FloatArray]:
+    """Return where z may go, (s,) each: between two jumps of J, where there are any."""
+    low, high = problem.encode(problem.low), problem.encode(problem.high)
+    for place in np.flatnonzero(problem.is_free):
+        if problem.law.shape[place].name not in _JUMPING:
+            continue
+        jumps = _list_jumps(problem, int(place))
+        jumps = np.concatenate([jumps[jumps < high[place]], [high[place]]])
+        jumps = np.concatenate([[low[place]], jumps[jumps > low[place] + _ONE_JUMP]])
+        above = min(max(int(np.searchsorted(jumps, state.z[place], side="right")), 1), len(jumps) - 1)
+        inside = _INSIDE * (jumps[above] - jumps[above - 1])
+        low[place], high[place] = jumps[above - 1] + inside, jumps[above] - inside
+    return low, high
+
+
+def _cross_jumps(
+    projector: Projector, best: Projection, free: IntArray, tolerance: float, history: list[float]
+) -> tuple[Projection, bool]:
+    """Return the optimum of an interval between jumps that no neighbour reached by its end undercuts."""
+    problem = projector.problem
+    low, high = problem.encode(problem.low), problem.encode(problem.high)
+    while True:
+        box = _find_box(problem, best)
+        if not np.array_equal(z := np.clip(best.z, *box), best.z):
+            best = min(best, projector.project(z), key=lambda state: state.objective)
+        best, done = descend(projector, best, free, tolerance=tolerance, steps=60, history=history, box=box)
+        width = _ACROSS * (box[1] - box[0])
+        across = np.where(
+            best.z <= box[0], best.z - width, np.where(best.z >= box[1], best.z + width, best.z)
+        )
+        across = np.clip(across, low, high)
+        if not done or projector.exhausted or np.array_equal(across, best.z):
+            return best, done
+        beyond = projector.project(across)
+        if beyond.objective >= best.objective:
+            return best, done
+        best = beyond
+
+
 def _visit_kinks(
     projector: Projector, best: Projection, free: IntArray, tolerance: float, history: list[float]
-) -> Projection:
-    """Return the least of the optima in the kinks around `best`, and in the intervals between them."""
+) -> tuple[Projection, bool]:
+    """Return the least of the optima in the kinks around `best` and between them, and whether it is one."""
     problem = projector.problem
     edge = next(k for k in free if problem.law.shape[k].name in _KINKED)
     others = free[free != edge]
+    projector.reserve = _RESERVE
     for _ in range(_VISITS):
-        if projector.solves + 2 * _CANDIDATES > projector.limit:
+        if projector.solves + 2 * _CANDIDATES + projector.reserve > projector.limit:
             break
         tried = [projector.project(z) for z in _list_kinks(projector, best, edge, others)]
         tried.sort(key=lambda state: state.objective)
         before = best.objective
         for state in tried[:2]:
-            on_kink, _ = _descend(projector, state, others, tolerance=tolerance, steps=4, history=history)
-            beyond, _ = _descend(projector, on_kink, free, tolerance=tolerance, steps=6, history=history)
+            on_kink, _ = descend(projector, state, others, tolerance=tolerance, steps=4, history=history)
+            beyond, _ = descend(
+                projector, on_kink, free, tolerance=tolerance, steps=6, history=history, patience=_PATIENCE
+            )
             best = min(best, on_kink, beyond, key=lambda end: end.objective)
         if before - best.objective <= 1e-9 * before:
             break
+    projector.reserve = 0
+    turns = (others, free, others)
+    return _settle(projector, best, edge=edge, turns=turns, tolerance=tolerance, history=history)
+
+
+def _settle(
+    projector: Projector,
+    best: Projection,
+    *,
+    edge: int,
+    turns: tuple[IntArray, ...],
+    tolerance: float,
+    history: list[float],
+) -> tuple[Projection, bool]:
+    """Return the end of what is still to be made less, and whether it is an optimum, in a kink or beside one.
+
+    In a kink the edge stays, and the rest converges; J must then rise on both sides of the edge.
+    """
+    done = False
+    for moving in turns:
+        best, done = descend(
+            projector, best, moving, tolerance=tolerance, steps=20, history=history, patience=2 * _PATIENCE
+        )
+        gain = max(projector.find_side_gain(best, edge, side) for side in (1.0, -1.0))
+        done = done and gain <= _SETTLED * best.objective
+        if done:
+            break
     history.append(min(history[-1], best.objective))
-    return best
+    return best, done
 
 
 def _list_kinks(projector: Projector, state: Projection, edge: int, others: IntArray) -> list[FloatArray]:
@@ -310,7 +300,7 @@ def _list_kinks(projector: Projector, state: Projection, edge: int, others: IntA
 def _close(
     projector: Projector, state: Projection, history: tuple[float, ...], outcome: FrictionOutcome, steps: int
 ) -> FrictionSearch:
-    tolerance = "the relative step in the shape fell below the tolerance"
+    tolerance = "the next step in the shape, or what it promises, fell below the tolerance"
     reasons = {
         FrictionOutcome.CONVERGED: tolerance if len(history) > 1 else "the law is linear in what is free",
         FrictionOutcome.LIMIT: f"{projector.limit} linear problems were solved",

@@ -191,8 +191,8 @@ def get_dynamic_law(name: str) -> DynamicLaw:
     if name in DYNAMIC_LAWS:
         return DYNAMIC_LAWS[name]
     near = difflib.get_close_matches(name, DYNAMIC_LAWS, n=1)
-    hint = f", did you mean {near[0]!r}?" if near else ""
-    text = f"there is no dynamic friction {name!r}{hint} Known: {', '.join(DYNAMIC_LAWS)}"
+    hint = f", did you mean {near[0]!r}? Known:" if near else "; known are"
+    text = f"there is no dynamic friction {name!r}{hint} {', '.join(DYNAMIC_LAWS)}"
     raise UsageError(Notice(code="joint.no-dynamic-friction", text=text))
 
 
@@ -276,7 +276,7 @@ DYNAMIC_LAWS: dict[str, DynamicLaw] = {
             ),
             source="Canudas de Wit, Olsson, Astrom and Lischinsky 1995",
             smoothness="torque continuous in time where the velocity is",
-            passivity="passive where fV >= sigma1 (fS - fC) / fC; the state is bounded always",
+            passivity="passive where fV >= sigma1 |fS - fC| / min(fC, fS); the state is bounded always",
         ),
     )
 }

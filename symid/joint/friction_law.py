@@ -15,12 +15,13 @@ import math
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 
 from symid.arrays import FloatArray
 from symid.joint.friction_dual import DualFriction, build_variables
+from symid.joint.operators import Operators
 
 __all__ = [
     "FrictionCarrier",
@@ -92,7 +93,7 @@ class FrictionCarrier(Protocol[V]):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class OperatorFriction(Generic[V]):
+class OperatorFriction(Operators[V]):
     """A carrier whose numbers have the operators + - * / and **; the other functions are given."""
 
     zero: V
@@ -106,31 +107,6 @@ class OperatorFriction(Generic[V]):
     maximum: Callable[[V, V], V]
     minimum: Callable[[V, V], V]
     power: Callable[[V, V], V] = operator.pow
-
-    def add(self, left: V, right: V) -> V:
-        """Return left + right."""
-        result: V = operator.add(left, right)
-        return result
-
-    def sub(self, left: V, right: V) -> V:
-        """Return left - right."""
-        result: V = operator.sub(left, right)
-        return result
-
-    def mul(self, left: V, right: V) -> V:
-        """Return left * right."""
-        result: V = operator.mul(left, right)
-        return result
-
-    def div(self, left: V, right: V) -> V:
-        """Return left / right."""
-        result: V = operator.truediv(left, right)
-        return result
-
-    def scale(self, factor: float, value: V) -> V:
-        """Return factor * value."""
-        result: V = operator.mul(factor, value)
-        return result
 
 
 def _find_sign(value: float) -> float:

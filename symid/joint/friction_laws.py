@@ -9,6 +9,7 @@ Supported: laws without a memory. Not supported: temperature; laws with a state 
 """
 
 import difflib
+import math
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -30,6 +31,7 @@ from symid.joint.friction_builders import (
     with_offset,
     with_smoothing,
 )
+from symid.joint.friction_dynamic import DYNAMIC_LAWS
 from symid.joint.friction_law import FrictionLaw
 
 __all__ = [
@@ -115,6 +117,8 @@ def _list_plain() -> tuple[FrictionLaw, ...]:
 
 FRICTION_LAWS: dict[str, FrictionLaw] = {law.name: law for law in _list_laws()}
 
+_LARGEST_EXPONENT = 10.0
+"""As in robot files; beyond it a fall is a step that no log resolves, and its derivatives overflow."""
 _NUMBER = r"\d+(?:\.\d+)?(?:e-?\d+)?"
 _EXPONENT = rf"(?:-(?P<exponent>exponent|{_NUMBER}))?"
 _WAVES = rf"(?P<orders>[1-9]\d*(?:,[1-9]\d*)*)(?:x(?P<gear>{_NUMBER}))?"
@@ -157,6 +161,7 @@ _PATTERNS: tuple[tuple[str, Callable[[re.Match[str]], FrictionLaw]], ...] = (
 
 
 def _find_law(name: str) -> FrictionLaw | None:
+    """Return the law of a name, None for one that is none or whose numbers are out of range."""
     if name in FRICTION_LAWS:
         return FRICTION_LAWS[name]
     if name.endswith("+offset"):
@@ -164,32 +169,51 @@ def _find_law(name: str) -> FrictionLaw | None:
         return None if law is None or law.linear[-1].name == "offset" else with_offset(law)
     for pattern, build in _PATTERNS:
         match = re.fullmatch(pattern, name)
-        if match and not _is_out_of_range(match):
-            return build(match)
+        if match:
+            return None if _find_mistake(match) else build(match)
     return None
 
 
-def _is_out_of_range(match: re.Match[str]) -> bool:
-    """Return whether an exponent or gear is zero, or an order stands twice."""
+def _find_mistake(match: re.Match[str]) -> str:
+    """Return what is wrong with the exponent, the gear or the orders of a name; nothing if all is well."""
     found = match.groupdict()
     exponent, gear, orders = (found.get(key) for key in ("exponent", "gear", "orders"))
-    numbers = [float(text) for text in (exponent, gear) if text and text != "exponent"]
+    if exponent and exponent != "exponent" and not 0.0 < float(exponent) <= _LARGEST_EXPONENT:
+        return f"its exponent must be above 0 and at most {_LARGEST_EXPONENT:g}"
+    if gear and not 0.0 < float(gear) < math.inf:
+        return "its gear ratio must be above 0 and finite"
     listed = (orders or "").split(",")
-    return not all(numbers) or len(set(listed)) != len(listed)
+    return "" if len(set(listed)) == len(listed) else "each of its orders may stand once"
+
+
+def _explain(name: str) -> str:
+    """Return what is wrong with the name of a law that is none."""
+    for pattern, _ in _PATTERNS:
+        match = re.fullmatch(pattern, name.removesuffix("+offset"))
+        mistake = _find_mistake(match) if match else ""
+        if mistake:
+            return f": {mistake}"
+    if name in DYNAMIC_LAWS:
+        return (
+            ": it is one with a memory, which Python and C know (symid.joint.friction_dynamic, "
+            "symid.friction.presliding), and not one of these"
+        )
+    near = difflib.get_close_matches(name, FRICTION_LAWS, n=3, cutoff=0.5)
+    return f"; did you mean {' or '.join(near)}?" if near else ""
 
 
 def get_law(name: str, *, smoothing: float = 0.0) -> FrictionLaw:
     """Return the law of a name; `smoothing` in rad/s or m/s replaces its sign by tanh(v / smoothing).
 
     Raises:
-        UsageError: there is no such law.
+        UsageError: there is no such law, or its exponent, gear or orders are none that it may have.
     """
     law = _find_law(name.lower())
     if law is None:
-        near = difflib.get_close_matches(name.lower(), FRICTION_LAWS, n=3, cutoff=0.5)
-        hint = f"; did you mean {' or '.join(near)}?" if near else ""
+        hint = _explain(name.lower())
         text = (
-            f"no friction law is called {name!r}{hint} There are {', '.join(FRICTION_LAWS)}; an exponent may "
+            f"no friction law is called {name!r}{hint}{'' if hint.endswith('?') else '.'} "
+            f"There are {', '.join(FRICTION_LAWS)}; an exponent may "
             "follow (stribeck-1.6, stribeck-exponent), waves (position-dependent-1,2x100), and +offset"
         )
         raise UsageError(Notice(code="usage.unknown-friction-law", text=text))

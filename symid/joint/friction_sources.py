@@ -62,8 +62,19 @@ MAKKAR = LawTexts(
 )
 
 
-def _write_exponent(exponent: float | None) -> str:
-    return "gamma" if exponent is None else f"{exponent:g}"
+def _write_power(base: str, exponent: float | None) -> str:
+    """Return a power, of gamma for None, without an exponent of one."""
+    if exponent == 1.0:
+        return base
+    return f"{base}^{'gamma' if exponent is None else f'{exponent:g}'}"
+
+
+def _write_fall(exponent: float | None) -> str:
+    return f"exp(-{_write_power('|dq / vs|', exponent)})"
+
+
+def _write_further(orders: tuple[int, ...]) -> str:
+    return "".join(f" + fV{order} {_write_power('|dq|', order - 1)} dq" for order in orders)
 
 
 def _find_stribeck_source(exponent: float | None) -> str:
@@ -76,25 +87,23 @@ def _find_stribeck_source(exponent: float | None) -> str:
 
 def describe_stribeck(exponent: float | None, orders: tuple[int, ...]) -> LawTexts:
     """Return the texts of Stribeck's curve."""
-    further = "".join(f" + fV{order} |dq|^{order - 1} dq" for order in orders)
     return LawTexts(
-        formula=f"[fC + (fS - fC) exp(-|dq / vs|^{_write_exponent(exponent)})] sign(dq) + fV dq{further}",
+        formula=f"[fC + (fS - fC) {_write_fall(exponent)}] sign(dq) + fV dq{_write_further(orders)}",
         source=_find_stribeck_source(exponent),
     )
 
 
 def describe_polynomial(orders: tuple[int, ...]) -> LawTexts:
     """Return the texts of polynomial viscous friction."""
-    further = "".join(f" + fV{order} |dq|^{order - 1} dq" for order in orders)
     return LawTexts(
-        formula=f"fC sign(dq) + fV dq{further}",
+        formula=f"fC sign(dq) + fV dq{_write_further(orders)}",
         source="a polynomial of the velocity, as in Simoni, Beschi, Visioli, Legnani, Robotica 35 (2017)",
     )
 
 
 def describe_improved(reading: str, exponent: float | None) -> LawTexts:
     """Return the texts of a reading of the improved law."""
-    curve = f"g(v) = fC + (fS - fC) exp(-(|v| / vs)^{_write_exponent(exponent)}) + fV |v|"
+    curve = f"g(v) = fC + (fS - fC) exp(-{_write_power('(|v| / vs)', exponent)}) + fV |v|"
     formulas = {
         "H1": "fP + g(dq) sign(dq) for |dq| >= dq0, fP + g(dq0) dq / dq0 within",
         "H2": "g(dq) sign(dq) for |dq| >= dq0, straight lines from fP at rest to +-g(dq0) within",
@@ -124,7 +133,7 @@ def describe_improved(reading: str, exponent: float | None) -> LawTexts:
 
 def describe_asymmetric_stribeck(exponent: float | None, bumps: int) -> LawTexts:
     """Return the texts of Stribeck friction by direction."""
-    fall = f"exp(-|dq / vs|^{_write_exponent(exponent)})"
+    fall = _write_fall(exponent)
     parts = ("fE", "fE") if bumps == 1 else ("(fSp - fCp)", "(fSn - fCn)")
     return LawTexts(
         formula=f"fCp + {parts[0]} {fall} + fVp dq for dq > 0, -fCn - {parts[1]} {fall} + fVn dq for dq < 0",
@@ -139,7 +148,7 @@ def describe_load_dependent(exponent: float | None, *, falls: bool) -> LawTexts:
             formula="(fC + fL |load|) sign(dq) + fV dq",
             source="Bittencourt, Gunnarsson, J. Dyn. Sys. Meas. Control 134 (2012) 051013",
         )
-    fall = f"exp(-|dq / vs|^{_write_exponent(exponent)})"
+    fall = _write_fall(exponent)
     return LawTexts(
         formula=f"[fC + fL |load| + (fS - fC + (fLS - fL) |load|) {fall}] sign(dq) + fV dq",
         source="Bittencourt, Gunnarsson, J. Dyn. Sys. Meas. Control 134 (2012) 051013, without temperature",

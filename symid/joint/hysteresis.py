@@ -15,10 +15,11 @@ Supported: any number of stops and knees, inverse of the spring with its knees.
 Not supported: the inverse of a cubic spring.
 """
 
-import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
+
+from symid.joint.operators import Operators
 
 __all__ = [
     "HysteresisAlgebra",
@@ -71,7 +72,7 @@ class HysteresisAlgebra(Protocol[V]):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class OperatorCarrier(Generic[V]):
+class OperatorCarrier(Operators[V]):
     """A carrier whose numbers have the usual operators; its maximum and minimum are given.
 
     `max` and `min` serve floats, fractions and mpmath, `numpy.maximum` and `numpy.minimum` arrays,
@@ -82,26 +83,6 @@ class OperatorCarrier(Generic[V]):
     one: V
     maximum: Callable[[V, V], V]
     minimum: Callable[[V, V], V]
-
-    def add(self, left: V, right: V) -> V:
-        """Return left + right."""
-        result: V = operator.add(left, right)
-        return result
-
-    def sub(self, left: V, right: V) -> V:
-        """Return left - right."""
-        result: V = operator.sub(left, right)
-        return result
-
-    def mul(self, left: V, right: V) -> V:
-        """Return left * right."""
-        result: V = operator.mul(left, right)
-        return result
-
-    def div(self, left: V, right: V) -> V:
-        """Return left / right."""
-        result: V = operator.truediv(left, right)
-        return result
 
 
 Terms = tuple[tuple[V, V], ...]

@@ -14,10 +14,11 @@ Supported: floats, arrays, SymPy, CasADi: any carrier whose functions are given 
 Not supported: an exponent other than two; friction that depends on the direction.
 """
 
-import operator
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from typing import Protocol, TypeVar
+
+from symid.joint.operators import Operators
 
 __all__ = [
     "STRIBECK_PARAMETERS",
@@ -99,7 +100,7 @@ class StribeckAlgebra(FallAlgebra[V], Protocol[V]):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StribeckCarrier(Generic[V]):
+class StribeckCarrier(Operators[V]):
     """A carrier whose numbers have the usual operators; its functions are given.
 
     `math.exp`, `math.tanh` serve floats, those of NumPy arrays, those of SymPy and CasADi expressions.
@@ -108,26 +109,6 @@ class StribeckCarrier(Generic[V]):
     exp: Callable[[V], V]
     sign: Callable[[V], V]
     tanh: Callable[[V], V]
-
-    def mul(self, left: V, right: V) -> V:
-        """Return left * right."""
-        result: V = operator.mul(left, right)
-        return result
-
-    def div(self, left: V, right: V) -> V:
-        """Return left / right."""
-        result: V = operator.truediv(left, right)
-        return result
-
-    def scale(self, factor: float, value: V) -> V:
-        """Return factor * value."""
-        result: V = operator.mul(factor, value)
-        return result
-
-    def add(self, left: V, right: V) -> V:
-        """Return left + right."""
-        result: V = operator.add(left, right)
-        return result
 
 
 def find_gaussian_fall(algebra: FallAlgebra[V], velocity: V, speed: V) -> V:

@@ -192,11 +192,12 @@ def _list_poses(poses: PoseTest) -> tuple[tuple[str, ...], ...]:
 
 
 def _place_poses(poses: PoseTest) -> tuple[str, ...]:
-    return tuple(
+    places = [
         f"pose {k}: {', '.join(f'{name} at {place:.3g}' for name, place in pose.others)}; "
         f"{', '.join(pose.sources)}"
         for k, pose in enumerate(poses.poses, start=1)
-    )
+    ]
+    return (*places, *(f"left out: {sources}: {reason}" for sources, reason in poses.skipped))
 
 
 def _find_verdict(found: FrictionIdentification) -> Verdict:

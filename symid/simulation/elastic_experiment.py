@@ -30,6 +30,7 @@ from symid.simulation.elastic_plant import PlantRun, find_substeps, simulate_pla
 from symid.simulation.elastic_run import ElasticRun, observe
 from symid.simulation.elastic_sensors import check_sensors, find_turns
 from symid.simulation.elastic_values import ElasticValues, build_plant_robot, find_elastic_values
+from symid.simulation.friction import check_speeds, find_curves
 from symid.simulation.gains import SHIPPED_GAINS, Gains, find_gains
 from symid.simulation.guards import (
     Timing,
@@ -40,6 +41,7 @@ from symid.simulation.guards import (
     find_limits,
     find_reach,
     find_saturation,
+    find_speeds,
 )
 from symid.simulation.rest import Rest, find_rest
 
@@ -96,12 +98,16 @@ def simulate_elastic(
         SolverError: the controlled robot is unstable, or its springs do not carry it.
     """
     task = _prepare(robot, library, trajectory, options, values)
+    # Values that are tried, and not a robot's own, may push.
+    curves = None if values else find_curves(library, find_speeds(robot))
     hold = _find_hold(task)
     rest = find_rest(task.plant, hold.weight, tuple(joint.name for joint in robot.axes))
     told = reference or _find_reference(task, hold, rest)
     order = _build_order(task, options, told, rest)
     ran = simulate_plant(library, task.plant, order)
     _check_motion(task, ran.log)
+    if curves:
+        check_speeds(curves, library.card.joints, ran.log.dtheta)
     notices = (*ran.notices, *find_saturation(robot, ran.log.torque, order.limit))
     run = _build_run(task, ran, notices, f"simulated: {robot.name}, {trajectory.source}")
     losses = (run.friction + run.spring).sum(axis=1)

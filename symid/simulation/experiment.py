@@ -34,6 +34,7 @@ from symid.simulation.guards import (
     find_limits,
     find_reach,
     find_saturation,
+    find_speeds,
 )
 from symid.simulation.plant import Plant, PlantState, start_state
 from symid.simulation.sensors import SensorOptions, Sensors, add_torque_noise, build_sensors, quantise
@@ -119,19 +120,22 @@ def simulate_experiment(
     """Return the run of `robot` along `trajectory`, from rest at its start.
 
     Raises:
-        UsageError: sizes that do not fit, a value that the robot file does not state, options out of range.
-        SolverError: the controlled robot is unstable or too light, or chatters without end.
+        UsageError: sizes that do not fit, a value that the robot file does not state, options out of range,
+            friction that drives a joint at its speeds.
+        SolverError: the controlled robot is unstable or too light, chatters without end, or has friction that
+            is too steep.
     """
     timing = _find_timing(trajectory, options)
     _refuse_elastic(robot)
     check_timing(robot, library, trajectory, timing)
-    plant = Plant(library)
+    plant = Plant(library, speeds=find_speeds(robot))
     sensors = build_sensors(robot, options.sensors)
     times = freeze(np.arange(round(timing.duration / options.period) + 1) * options.period)
     desired, speeds, _ = trajectory.evaluate(times)
     control = _build_control(robot, library, plant, desired, options)
     states, torque = _run(plant, sensors, control, (desired, speeds), timing)
     q, dq = np.array([state.q for state in states]), np.array([state.dq for state in states])
+    plant.check_friction(dq)
     kinetic, potential = library.evaluate("energy", q, dq, plant.beta)
     work = np.array([state.work for state in states])
     dissipation = np.array([state.dissipation for state in states])

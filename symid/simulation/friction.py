@@ -11,6 +11,9 @@ While a step looks for the instant at which a joint stops, a curve is continued 
 mirror image about (0, level), so that the step is as smooth as on one side. A curved law that is continuous
 at standstill (smoothed, Makkar, the improved one) has an empty band: such a joint creeps, and never sticks.
 
+Friction opposes motion, but for a constant torque, which does no work over a way and back, where its least
+value ahead is not below its largest one back. Lines show that by signs; curves are looked at over speeds.
+
 Supported: all models of robot files, of joints and of those that follow them.
 Not supported: pre-sliding, friction of a drive that turns with several coordinates.
 """
@@ -22,17 +25,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, freeze
-from symid.codegen.functions import ModelCard, ParameterCard
+from symid.codegen.functions import JointCard, ModelCard, ParameterCard
 from symid.codegen.library import Library
 from symid.errors import Notice, UsageError
 from symid.joint.friction import FRICTION_MODELS
 
-__all__ = ["FrictionLines", "find_friction_lines", "find_values"]
+__all__ = ["FrictionLines", "check_speeds", "find_curves", "find_friction_lines", "find_values"]
 
 _SPEEDS = (1.0, 2.0, -1.0, -2.0)
 _STANDSTILL = 1e-300
 """A speed at which every law has its limit at standstill, powers of the speed included."""
 _PROBES = (_STANDSTILL, 1e-4, 1e-2, 1.0)
+_FASTEST, _SLOWEST, _SPEED_COUNT = 1e6, 1e-9, 1501
+"""The speeds at which a curve is looked at: a hundred a decade, less for a joint that is never so fast."""
 _ROUNDING = 1e-12
 """Torques below this share of the largest are what rounding leaves of zero."""
 
@@ -130,12 +135,16 @@ def _refuse_shared(card: ModelCard, shared: NDArray[np.bool_]) -> None:
         raise UsageError(Notice(code="usage.shared-friction", text=text))
 
 
-def find_friction_lines(library: Library) -> FrictionLines:
+def find_friction_lines(library: Library, speeds: FloatArray | None = None) -> FrictionLines:
     """Return the friction lines of the library's coordinates, read from its friction regressor.
 
+    Args:
+        library: the functions of the robot.
+        speeds: (n,) rad/s or m/s, the largest that a curve is looked at; None or infinite for any.
+
     Raises:
-        UsageError: values are missing, or friction would push: level_p < level_n, or a negative slope;
-            friction at a coordinate depends on the speed of another.
+        UsageError: values are missing, or friction would push: level_p < level_n, a negative slope, a curve
+            that crosses zero; friction at a coordinate depends on the speed of another.
     """
     card = library.card
     viscous, level = np.zeros((3, card.size)), np.zeros((3, card.size))
@@ -161,13 +170,82 @@ def find_friction_lines(library: Library) -> FrictionLines:
     viscous[:, curved] = 0.0
     for row, place in ((1, 0), (2, 1)):
         level[row, curved] = start[own, place, own].sum(axis=1)[curved]
-    _check_signs(card, viscous, level)
+    _check_signs(card, viscous * ~curved, level * ~curved)
     friction = library.bind("friction")
 
     def find_curve(dq: FloatArray) -> FloatArray:
         return friction(dq, values)[0].copy()
 
-    return FrictionLines(viscous=viscous, level=level, curved=curved, curve=find_curve)
+    lines = FrictionLines(viscous=viscous, level=level, curved=curved, curve=find_curve)
+    fastest = np.full(card.size, np.inf) if speeds is None else speeds
+    _check_curves(lines, card.joints, fastest, fastest)
+    return lines
+
+
+def find_curves(library: Library, speeds: FloatArray) -> FrictionLines | None:
+    """Return the friction lines of motors, None where no friction is curved; speeds (n,) as above.
+
+    Raises:
+        UsageError: a curve would push, or depends on the speed of another motor.
+    """
+    known = library.card.friction and _find_curved(library).any()
+    return find_friction_lines(library, speeds) if known else None
+
+
+def check_speeds(lines: FrictionLines, joints: Sequence[JointCard], dq: FloatArray) -> None:
+    """Refuse friction that drove a joint at velocities dq (N, n), rad/s or m/s.
+
+    Raises:
+        UsageError: which joints, and from what speed on.
+    """
+    _check_curves(lines, joints, np.maximum(-dq.min(axis=0), 0.0), np.maximum(dq.max(axis=0), 0.0))
+
+
+def _check_curves(
+    lines: FrictionLines, joints: Sequence[JointCard], back: FloatArray, ahead: FloatArray
+) -> None:
+    """Refuse curves that drive a joint at speeds up to `back` (n,) and `ahead` (n,), rad/s or m/s, positive.
+
+    Raises:
+        UsageError: which joints, and from what speed on.
+    """
+    notices = []
+    for number in np.flatnonzero(lines.curved).tolist():
+        speed = _find_push(lines, number, float(back[number]), float(ahead[number]))
+        if speed is not None:
+            joint = joints[number]
+            start = (
+                f"from about {speed:.2g} {joint.position_unit}/s on"
+                if speed > _SLOWEST
+                else "as motion begins"
+            )
+            text = (
+                f"joint {joint.name!r}: friction must oppose motion, but it drives the joint {start}; "
+                "correct its values, or keep the joint slower and state that as its velocity limit"
+            )
+            notices.append(Notice(code="usage.negative-friction", text=text))
+    if notices:
+        raise UsageError(*notices)
+
+
+def _find_push(lines: FrictionLines, joint: int, back: float, ahead: float) -> float | None:
+    """Return the least speed from which a coordinate's friction pushes, None if it never does."""
+    if lines.curve is None:
+        return None
+    grid = np.geomspace(_SLOWEST, min(max(back, ahead, _SLOWEST), _FASTEST), _SPEED_COUNT)
+    least, largest = lines.level[1, joint], lines.level[2, joint]
+    dq = np.zeros(lines.curved.size)
+    for speed in grid.tolist():
+        for side, limit in ((1.0, ahead), (-1.0, back)):
+            if speed <= limit:
+                dq[joint] = side * speed
+                torque = float(lines.curve(dq)[joint])
+                least, largest = (
+                    (min(least, torque), largest) if side > 0.0 else (least, max(largest, torque))
+                )
+        if least < largest - _ROUNDING * max(abs(least), abs(largest)):
+            return float(speed)
+    return None
 
 
 def _find_curved(library: Library) -> NDArray[np.bool_]:

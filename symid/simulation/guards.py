@@ -25,6 +25,7 @@ __all__ = [
     "find_limits",
     "find_reach",
     "find_saturation",
+    "find_speeds",
 ]
 
 _RUNAWAY = 1e4
@@ -80,6 +81,12 @@ def check_timing(robot: Robot, library: Library, trajectory: Trajectory, timing:
 def find_limits(robot: Robot) -> FloatArray:
     """Return the torque limits (n,) in N m or N, infinite where there are none."""
     limits = [joint.limits.torque for joint in robot.axes]
+    return np.array([np.inf if limit is None else limit for limit in limits])
+
+
+def find_speeds(robot: Robot) -> FloatArray:
+    """Return the velocity limits (n,) in rad/s or m/s, infinite where there are none."""
+    limits = [joint.limits.velocity for joint in robot.axes]
     return np.array([np.inf if limit is None else limit for limit in limits])
 
 

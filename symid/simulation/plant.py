@@ -8,11 +8,16 @@ Steps are classical Runge-Kutta with fixed modes. Where a sliding velocity cross
 step is cut at the crossing, and the modes are chosen anew. Work and dissipation are
 integrated along, so that work = change of energy + dissipation can be checked.
 
-Supported: any number of joints, several held at once.
+Where friction is curved, steps are shortened until the velocity agrees with that of the third-order formula
+of the same stages, dq + h/6 (a1 + 2 a2 + 2 a3 + a5), a5 at the end of the step: as short as a steep zone
+around standstill asks for, and the whole step beyond it.
+
+Supported: any number of joints, several held at once; friction that is steep within limits.
 Not supported: elastic joints, contact, position limits. Break-away of a held joint is looked for
 at the beginning of each step, not within it (a held joint does no work).
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import final
@@ -22,7 +27,7 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.codegen.library import Library
 from symid.errors import Notice, SolverError
-from symid.simulation.friction import FrictionLines, find_friction_lines, find_values
+from symid.simulation.friction import FrictionLines, check_speeds, find_friction_lines, find_values
 
 __all__ = ["Plant", "PlantState", "start_state"]
 
@@ -34,6 +39,12 @@ _ROOT_STEPS = 60
 _ROOT_TOLERANCE = 1e-13
 _LEAST_SHARE = 1e-9
 _SLACK = 1e-9
+_MOST_STRIDES = 500
+"""Tries of a step within one substep: what friction needs that stops a joint at 1e6 / s within 1 ms."""
+_STRIDE_ERROR = 1e-7
+"""Of the velocity, in one step of the third-order formula; that of the step itself is far smaller."""
+_STRIDE_FLOOR = 1e-10
+"""Errors of the velocity below this, rad/s or m/s, are none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -63,18 +74,23 @@ def start_state(q: FloatArray) -> PlantState:
 class Plant:
     """The solver: robot functions bound once, parameter values, friction lines."""
 
-    __slots__ = ("_bias", "_forward", "_lines", "_mass", "beta", "size")
+    __slots__ = ("_bias", "_forward", "_joints", "_lines", "_mass", "beta", "size")
 
-    def __init__(self, library: Library) -> None:
+    def __init__(self, library: Library, *, speeds: FloatArray | None = None) -> None:
         """Bind the functions of `library`; values are those of its card.
+
+        Args:
+            library: the functions of the robot.
+            speeds: (n,) rad/s or m/s up to which friction must oppose motion; None for any.
 
         Raises:
             UsageError: the card lacks a value, or friction is not one that the plant can hold.
         """
         card = library.card
         self.size = card.size
+        self._joints = card.joints
         self.beta = find_values(card.beta, card.robot)
-        self._lines: FrictionLines = find_friction_lines(library)
+        self._lines: FrictionLines = find_friction_lines(library, speeds)
         self._forward: Callable[..., tuple[FloatArray, ...]] = library.bind("forward_dynamics")
         self._mass: Callable[..., tuple[FloatArray, ...]] = library.bind("mass_matrix")
         self._bias: Callable[..., tuple[FloatArray, ...]] = library.bind("bias")
@@ -85,22 +101,59 @@ class Plant:
         """Return the state after `torque` (n,) was held for `duration` in s.
 
         Raises:
-            SolverError: joints start and stop without end, which a rigid model cannot resolve.
+            SolverError: joints start and stop without end, which a rigid model cannot resolve, or friction
+                is so steep that steps become too short.
         """
-        step, events = duration / substeps, state.events
+        step, events, tries = duration / substeps, state.events, 0
         for _ in range(substeps):
-            left = step
+            left = longest = step
             while left > 0.0:
                 state = self._settle(state, torque)
-                after = self._step(state, torque, left)
-                if not any(_has_crossed(joint, state, after) for joint in range(self.size)):
-                    state = after
-                    break
-                share, state = self._locate(state, after, torque, left)
-                left *= 1.0 - share
+                after, taken, longest, tried = self._find_stride(state, torque, min(left, longest))
+                tries += tried
+                share = 1.0
+                if any(_has_crossed(joint, state, after) for joint in range(self.size)):
+                    share, after = self._locate(state, after, torque, taken)
+                state = after
+                left *= 1.0 - share * (taken / left)
                 if state.events - events > _MOST_EVENTS:
                     raise SolverError(_describe_chatter(state, duration))
+                if tries > _MOST_STRIDES * substeps:
+                    raise SolverError(self._describe_steep(duration))
         return state
+
+    def _find_stride(
+        self, state: PlantState, torque: FloatArray, h: float
+    ) -> tuple[PlantState, float, float, int]:
+        """Return the state after a step of `h` at most, its length, that of the next, how many were tried."""
+        if self._lines.curve is None:
+            return self._step(state, torque, h), h, h, 1
+        for tries in range(1, _MOST_STRIDES + 1):
+            with np.errstate(over="ignore", invalid="ignore"):
+                after, last = self._stride(state, torque, h)
+                excess = self._find_excess(after, last, torque, h)
+            # No number, after a step far too long, is no reason to accept it.
+            factor = min(4.0, max(0.1, 0.9 * excess**-0.25)) if excess > 0.0 else 4.0
+            if excess <= 1.0:
+                return after, h, factor * h, tries
+            h *= factor if math.isfinite(excess) else 0.1
+        return after, h, h, _MOST_STRIDES
+
+    def _find_excess(self, after: PlantState, last: FloatArray, torque: FloatArray, h: float) -> float:
+        """Return the error of the velocities after a step, relative to the one allowed."""
+        held = [joint for joint, mode in enumerate(after.modes) if mode == 0]
+        level = self._lines.level[np.array(after.modes), np.arange(self.size)]
+        push = torque - level - self._lines.find_drag(after.modes, after.dq)
+        error = (h / 6.0) * np.abs(self._accelerate(after.q, after.dq, push, held) - last)
+        return float(np.max(error / (_STRIDE_ERROR * np.abs(after.dq) + _STRIDE_FLOOR)))
+
+    def check_friction(self, dq: FloatArray) -> None:
+        """Refuse friction that drove a joint at velocities dq (N, n), rad/s or m/s.
+
+        Raises:
+            UsageError: which joints, and from what speed on.
+        """
+        check_speeds(self._lines, self._joints, dq)
 
     def find_weight(self, q: FloatArray) -> FloatArray:
         """Return the torque (n,) in N m or N that holds the robot at rest at `q` (n,)."""
@@ -108,6 +161,10 @@ class Plant:
 
     def _step(self, state: PlantState, torque: FloatArray, h: float) -> PlantState:
         """Return the state after one Runge-Kutta step with the modes held."""
+        return self._stride(state, torque, h)[0]
+
+    def _stride(self, state: PlantState, torque: FloatArray, h: float) -> tuple[PlantState, FloatArray]:
+        """Return the state after one Runge-Kutta step with the modes held, and its last stage's ddq (n,)."""
         rows = np.array(state.modes)
         columns = np.arange(self.size)
         level = self._lines.level[rows, columns]
@@ -125,7 +182,7 @@ class Plant:
         v4, a4, p4 = slope(q + h * v3, dq + h * a3)
         move = (h / 6.0) * (v1 + 2.0 * (v2 + v3) + v4)
         lost = (h / 6.0) * (p1 + 2.0 * (p2 + p3) + p4)
-        return PlantState(
+        after = PlantState(
             q=q + move,
             dq=dq + (h / 6.0) * (a1 + 2.0 * (a2 + a3) + a4),
             modes=state.modes,
@@ -133,6 +190,20 @@ class Plant:
             dissipation=state.dissipation + lost + float(level @ move),
             events=state.events,
         )
+        return after, a4
+
+    def _describe_steep(self, duration: float) -> Notice:
+        lines = self._lines
+        creeps = lines.curved & (lines.level[1] <= lines.level[2])
+        found = creeps if creeps.any() else lines.curved
+        names = [joint.name for joint, steep in zip(self._joints, found, strict=True) if steep]
+        text = (
+            f"the friction of {' or '.join(map(repr, names))} rises so steeply around standstill that "
+            f"{_MOST_STRIDES} steps within {duration:g} s do not follow it; widen the zone in which it "
+            "changes its sign (dq0, smoothing; lower g2, g3, g5), or take a model that jumps there, as "
+            "stribeck does"
+        )
+        return Notice(code="simulate.steep-friction", text=text)
 
     def _accelerate(self, q: FloatArray, dq: FloatArray, push: FloatArray, held: list[int]) -> FloatArray:
         """Return ddq (n,) under `push` (n,), torque less friction; zero at held joints."""

@@ -211,6 +211,47 @@ def test_wrong_options_say_what_is_meant(capsys, axis_log, options, code, hint):
     assert hint in error["text"]
 
 
+def test_options_without_a_part_in_the_result_are_told(capsys, axis_log):
+    arguments = ("identify", "emps", axis_log, *AXIS_LAW, "--model", "coulomb-viscous-offset")
+    code, answer = call_json(capsys, *arguments, "--seed", 3, "--friction", "asymmetric")
+    assert code == 0
+    texts = [entry["text"] for entry in answer["warnings"] if entry["code"] == "friction.unused-option"]
+    assert [text.split()[0] for text in texts] == ["--seed", "--friction"]
+    code, answer = call_json(capsys, *arguments)
+    assert "friction.unused-option" not in find_codes(answer)
+    code, answer = call_json(capsys, *arguments[:-1], "makkar", "--smoothing", "0.001")
+    assert (code, find_codes(answer)) == (2, {"usage.friction-smoothing"})
+
+
+def test_a_wrong_period_is_refused_and_every_log_may_have_its_own(capsys, tmp_path):
+    logs = [
+        save(tmp_path / f"log{k}.npz", record(peak, law="coulomb-viscous-offset", periods=6.1))
+        for k, peak in enumerate((np.pi / 3.0, np.pi / 6.0))
+    ]
+    arguments = ("identify", "two_link", *logs, *LAW, "--model", "coulomb-viscous-offset")
+    code, answer = call_json(capsys, *arguments, "--period", "3")
+    assert (code, find_codes(answer)) == (3, {"log.not-periodic"})
+    code, answer = call_json(capsys, *arguments, "--period", "3", "--period", "6")
+    assert code == 0
+    assert answer["result"]["settings"]["period"] == [3.0, 6.0]
+    code, answer = call_json(capsys, *arguments, *("--period", "3") * 3)
+    assert (code, find_codes(answer)) == (2, {"usage.friction-periods"})
+
+
+def test_a_pose_without_rows_is_left_out(capsys, tmp_path):
+    recordings = (record(1.0), record(0.08, pose=(0.3, 1.2), periods=1.0, seed=1))
+    logs = [save(tmp_path / f"log{k}.npz", entry) for k, entry in enumerate(recordings)]
+    arguments = ("identify", "two_link", *logs, *LAW, "--model", "coulomb-viscous-offset")
+    arguments = (*arguments, *PLAIN_PROCESSING, "--set", "processing.standstill=0.1")
+    code, answer = call_json(capsys, *arguments)
+    assert code == 0
+    assert "friction.pose-skipped" in find_codes(answer)
+    (skipped,) = answer["result"]["joints"][0]["poses"]["skipped"]
+    assert "log1.npz" in skipped["sources"]
+    _, out, _ = call(capsys, *arguments)
+    assert "left out: " in out
+
+
 def test_elastic_robots_are_told_what_counts_as_friction(capsys, arm_logs):
     arguments = ("identify", "two_link_elastic", arm_logs[1], *LAW, "--model", "coulomb-viscous-offset")
     code, answer = call_json(capsys, *arguments)

@@ -103,6 +103,20 @@ def test_c_equals_numpy_and_forty_digits(compiled, law):
                 assert abs(found[k] - float(exact)) / largest[k] < 1e-14
 
 
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: f"{law.name}-{law.smoothing:g}")
+def test_what_is_not_finite_gives_no_finite_torque_or_the_limit(compiled, law):
+    """As the header says: a NaN for a NaN; for an infinite velocity a NaN, or what large ones tend to."""
+    _, values = draw(law, np.random.default_rng(3), 2)
+    inputs = {name: np.array([np.nan, np.inf, -np.inf]) for name in law.inputs[:1]}
+    inputs |= {name: np.ones(3) for name in law.inputs[1:]}
+    nan, *ends = call(compiled, law, inputs, values)
+    assert np.isnan(nan)
+    inputs = {name: entries[:2] for name, entries in inputs.items()} | {"velocity": np.array([1e30, -1e30])}
+    large = call(compiled, law, inputs, values)
+    for end, near in zip(ends, large, strict=True):
+        assert np.isnan(end) or end == near or (np.isinf(end) and end * near > 0)
+
+
 def test_single_precision_has_no_double_in_it(tmp_path):
     compiler = find_compiler()
     if compiler is None:

@@ -52,6 +52,54 @@ def test_the_exponent_is_two_where_the_file_is_silent():
     assert friction.shape == (0.05, 2.0)
 
 
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('model = "cubic"\nFv = 0.6\nFc = 0.2\nFvq = -1\nFvc = 0', "Fvq: -1 drives the joint from about 0.8"),
+        (
+            'model = "cubic"\nFv = 0.6\nFc = 0.9\nFvq = 0\nFvc = -0.01',
+            "Fvc: -0.01 drives the joint from about 8.5 rad/s",
+        ),
+        (
+            'model = "stribeck"\nFv = 1\nFc = 1\nFe = -3\nvs = 0.1',
+            "Fe: -3 drives the joint as motion begins",
+        ),
+        (
+            'model = "asymmetric_stribeck"\nFvp = 1\nFcp = 1\nFvn = 1\nFcn = 2\nFe = -1.6\nvs = 0.1',
+            "Fe: -1.6 drives the joint as motion begins",
+        ),
+        (
+            'model = "makkar"\nFm = 3\nFc = 0.1\nFv = 0\ng2 = 1\ng3 = 100\ng5 = 10',
+            "Fc or Fv must outweigh Fm, or g2 be at least g3",
+        ),
+        ('model = "improved_stribeck"\nFv = 1\nFc = 1\nFe = -3\nFp = 1\nvs = 0.1\ndq0 = 0.02', "Fe: -3"),
+        ('model = "stribeck"\nFv = 1\nFc = 1\nFe = -3\nvs = 0.1\nsmoothing = 0.01', "Fe: -3 drives"),
+    ],
+    ids=lambda text: text.split("\n")[0] if "model" in text else "",
+)
+def test_a_curve_that_drives_the_joint_is_remarked_on(text, said):
+    robot = parse(text)
+    assert [notice.code for notice in robot.notices] == ["robot.negative-friction"]
+    assert said in robot.notices[0].text
+    assert robot.joints[0].friction.values is not None
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        'model = "cubic"\nFv = 0.6\nFc = 0.9\nFvq = -0.05\nFvc = 0.01',
+        'model = "cubic"\nFv = 0.6\nFc = 0.2\nFvq = -1\nFvc = 0\n[joint.limits]\nvelocity = 0.8',
+        'model = "makkar"\nFm = 1\nFc = 2\nFv = 0\ng2 = 1\ng3 = 3\ng5 = 10',
+        'model = "makkar"\nFm = 1\nFc = 0\nFv = 0\ng2 = 9\ng3 = 3\ng5 = 10',
+        'model = "improved_stribeck"\nFv = 1\nFc = 1\nFe = -0.5\nFp = 9\nvs = 0.1\ndq0 = 0.02',
+        'model = "stribeck_offset"\nFv = 1\nFc = 1\nFe = -1\noffset = 9\nvs = 1e-9\ngamma = 10',
+        'model = "stribeck"\nvs = 0.1',
+    ],
+)
+def test_a_curve_that_brakes_within_its_speeds_is_not_remarked_on(text):
+    assert not parse(text).notices
+
+
 def test_signs_that_are_allowed_and_those_that_are_warned_of():
     quiet = parse('model = "stribeck"\nFv = 1\nFc = 2\nFe = -0.5\nvs = 0.05')
     assert not quiet.notices

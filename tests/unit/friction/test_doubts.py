@@ -6,6 +6,7 @@ import pytest
 from symid.friction.estimate import FrictionOutcome
 from symid.friction.estimators import fit_friction
 from symid.friction.options import FrictionOptions, VariableProjectionOptions
+from symid.friction.selection import select_law
 from symid.joint.friction_laws import get_law
 from tests.frictions import TABLE_3, build_cosines, draw_s1, draw_s2, draw_samples
 
@@ -135,3 +136,72 @@ def test_a_search_that_was_cut_short_is_told():
     estimate = fit_friction(*draw_s2(), options=options)
     assert estimate.outcome is FrictionOutcome.LIMIT
     assert "friction.outcome" in find_codes(estimate)
+
+
+def draw_without_slow(name, physical, limit=0.1, **given):
+    """Return samples at all speeds, of which the rows slower than `limit` are left out behind R."""
+    velocity = build_cosines(0.15, 1.0)
+    kept = np.flatnonzero(np.abs(velocity) > limit)
+    return draw_samples(get_law(name), physical, velocity, reduce=lambda columns: columns[kept], **given)
+
+
+@pytest.mark.parametrize("name", ["stribeck+offset", "stribeck-exponent+offset", "asymmetric-stribeck"])
+def test_samples_that_are_not_fitted_show_nothing(name):
+    samples = draw_without_slow("stribeck+offset", (11.0, 40.0, 0.04, 20.0, 0.5), noise=0.05)
+    estimate = fit_friction(samples, get_law(name))
+    refused = dict(estimate.refused)
+    bump = {"fS", "fE", "vs", "gamma"}
+    expected = {entry.name for entry in get_law(name).physical if entry.name in bump}
+    assert expected <= refused.keys()
+    assert "no row is slower than the Stribeck velocity: the slowest moves at 0.1 rad/s" in refused["vs"]
+    assert estimate.outcome is FrictionOutcome.SOME_REFUSED
+
+
+def test_a_law_that_rests_on_samples_left_out_is_not_chosen():
+    samples = draw_without_slow("stribeck+offset", (11.0, 40.0, 0.04, 20.0, 0.5), noise=0.05)
+    selection = select_law(samples, ("coulomb-viscous-offset", "stribeck+offset", "stribeck-exponent+offset"))
+    assert selection.chosen == "coulomb-viscous-offset"
+
+
+@pytest.mark.parametrize("code", ["friction.one-direction", "friction.few-slow"])
+def test_the_direction_and_the_slow_ones_are_counted_among_rows(code):
+    velocity, law = build_cosines(0.1, 1.0), get_law("stribeck")
+    kept = np.flatnonzero(velocity > 0.0 if code == "friction.one-direction" else np.abs(velocity) > 0.048)
+    samples = draw_samples(law, STRIBECK, velocity, noise=0.1, reduce=lambda columns: columns[kept])
+    options = FrictionOptions(bounds=(("vs", (0.02, 0.0243)),))
+    assert code in find_codes(fit_friction(samples, law, options=options))
+    whole = draw_samples(law, STRIBECK, velocity, noise=0.1)
+    assert code not in find_codes(fit_friction(whole, law, options=options))
+
+
+def test_what_exists_inside_a_refused_zone_only_is_refused():
+    samples = draw_samples(get_law("stribeck"), (11.0, 20.0, 0.05, 20.0), build_cosines(0.1, 1.0), noise=0.5)
+    refused = dict(fit_friction(samples, get_law("improved-stribeck-h2")).refused)
+    assert {"dq0", "fP"} <= refused.keys()
+    assert "inside the zone" in refused["fP"]
+    # In the reading H1 it acts at all speeds.
+    assert "fP" not in dict(fit_friction(samples, get_law("improved-stribeck")).refused)
+
+
+@pytest.mark.parametrize("estimator", ["nlp", "genetic", "annealing", "differential-evolution"])
+def test_a_value_that_a_bound_holds_is_told(estimator):
+    law = get_law("coulomb-viscous")
+    samples = draw_samples(law, (11.0, -2.0), build_cosines(0.5), noise=0.1)
+    estimate = fit_friction(samples, law, estimator=estimator)
+    entry = next(entry for entry in estimate.parameters if entry.name == "fV")
+    assert "lower bound, 0: its optimum lies beyond" in entry.reason
+    assert "friction.at-bound" in find_codes(estimate)
+    free = next(entry for entry in estimate.parameters if entry.name == "fC")
+    assert free.reason == ""
+
+
+def test_static_friction_at_its_bound_is_told_and_not_taken_for_unsure():
+    law = get_law("stribeck")
+    samples = draw_samples(law, (11.0, -3.0, 0.03, 20.0), build_cosines(0.1, 1.0), noise=0.1)
+    estimate = fit_friction(samples, law, estimator="nlp")
+    assert "fS" not in dict(estimate.refused)
+    entry = next(entry for entry in estimate.parameters if entry.name == "fS")
+    assert entry.value == pytest.approx(0.0, abs=1e-6)
+    assert "lower bound" in entry.reason
+    # Without bounds nothing holds it, and that it lies beyond is told.
+    assert "friction.beyond-bound" in find_codes(fit_friction(samples, law))

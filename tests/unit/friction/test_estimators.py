@@ -5,7 +5,6 @@ import pytest
 
 from symid.errors import IdentifiabilityError, SolverError, UsageError
 from symid.friction import nlp
-from symid.friction.estimate import FrictionOutcome
 from symid.friction.estimators import ESTIMATORS, STOCHASTIC, fit_friction
 from symid.friction.options import FrictionOptions
 from symid.friction.problem import build_problem
@@ -96,6 +95,8 @@ def test_an_unknown_estimator_is_refused():
     with pytest.raises(UsageError, match="did you mean genetic") as refused:
         fit_friction(*draw_s1(), estimator="genetics")
     assert refused.value.notices[0].code == "usage.friction-estimator"
+    with pytest.raises(UsageError, match=r"is called 'zzz'; there are varpro, root-finding"):
+        fit_friction(*draw_s1(), estimator="zzz")
 
 
 @pytest.mark.parametrize(
@@ -127,8 +128,8 @@ def test_bounds_are_kept():
 
 
 def test_a_solver_that_fails_gives_no_numbers(monkeypatch):
-    ended = (FrictionOutcome.FAILED, "Ipopt ended with Invalid_Number_Detected")
-    monkeypatch.setattr(nlp, "find_ipopt_outcome", lambda _: ended)
+    ended = ("FAILED", "a function gave no finite number (Invalid_Number_Detected)")
+    monkeypatch.setattr(nlp, "find_ipopt_ending", lambda _: ended)
     with pytest.raises(SolverError, match="Invalid_Number") as refused:
         fit_friction(*draw_s2(), estimator="nlp")
     assert refused.value.notices[0].code == "friction.solver"

@@ -207,13 +207,36 @@ def test_periods_are_averaged(period):
     assert [notice.code for notice in folded.recording.notices] == ["log.folded"]
 
 
-def test_a_wrong_period_is_told_and_a_short_log_refused():
+def test_a_joint_that_rests_has_no_period_to_be_wrong():
     time = np.arange(5000) / RATE
-    recording = Recording(
-        time=time, position=np.cos(2.0 * time)[:, None], torque=np.sin(time)[:, None], source="log"
-    )
-    codes = [notice.code for notice in fold_recording(recording, 2.5).recording.notices]
+    noise = 1e-6 * np.random.default_rng(0).normal(size=len(time))
+    position = np.column_stack([np.cos(np.pi * time) + 0.03 * time, noise])
+    recording = Recording(time=time, position=position, torque=np.zeros_like(position), source="log")
+    codes = [notice.code for notice in fold_recording(recording, 2.0).recording.notices]
     assert codes == ["log.folded", "log.not-periodic"]
+
+
+def test_a_mean_period_is_continued_by_the_margin_asked_for():
+    time = np.arange(5000) / RATE
+    position = np.sin(np.pi * time)[:, None]
+    recording = Recording(time=time, position=position, torque=position, source="log")
+    folded = fold_recording(recording, 2.0, margin=2300)
+    assert folded.recording.position.shape == (2300 + 1000 + 2300, 1)
+    expected = np.sin(2.0 * np.pi * np.arange(-2300, 3300) / 1000)
+    assert np.allclose(folded.recording.position[:, 0], expected)
+
+
+def test_a_wrong_period_is_told_or_refused_and_a_short_log_refused():
+    time = np.arange(5000) / RATE
+    drift = 0.02 * time
+    recording = Recording(
+        time=time, position=(np.cos(2.0 * time) + drift)[:, None], torque=np.sin(time)[:, None], source="log"
+    )
+    codes = [notice.code for notice in fold_recording(recording, np.pi).recording.notices]
+    assert codes == ["log.folded", "log.not-periodic"]
+    with pytest.raises(LogError, match="one for each log") as caught:
+        fold_recording(recording, 2.5)
+    assert caught.value.notices[0].code == "log.not-periodic"
     for period in (7.0, 0.01):
         with pytest.raises(LogError) as caught:
             fold_recording(recording, period)

@@ -2,16 +2,24 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
+from scipy.stats import ttest_ind
 
 from symid.data.recording import Recording
-from symid.errors import EstimateError, IdentifiabilityError, UsageError
-from symid.friction.extraction import prepare_joint_logs
-from symid.friction.identify import FrictionTask, identify_friction
-from symid.friction.poses import find_pose_test, find_poses
+from symid.errors import EstimateError, IdentifiabilityError, LogError, UsageError
+from symid.friction.estimators import fit_friction
+from symid.friction.extraction import extract_joint, prepare_joint_logs
+from symid.friction.identify import FrictionTask, check_inputs, identify_friction, warn_of_inertia
+from symid.friction.patterns import find_robust_deviations
+from symid.friction.poses import find_chance, find_pose_test, find_poses
 from symid.friction.results import is_friction_result, read_friction_result, write_friction_result
+from symid.friction.samples import FrictionSamples
+from symid.identification.estimate import ParameterEstimate
+from symid.joint.friction_law import find_torque
 from symid.joint.friction_laws import get_law
 from symid.robot.log_map import Processing
 from tests.recovery.closed_form import build_two_link
@@ -29,6 +37,8 @@ from tests.unit.friction.cosine_rigs import (
 LIBRARY = build_two_link()
 SLOW_AND_FAST = (record(0.15), record(1.0, seed=1))
 FEW = ("coulomb-viscous-offset", "stribeck+offset")
+SLOW = Processing(drop_first=20, drop_last=20, standstill=0.1)
+FAST_ONLY = Processing(drop_first=20, drop_last=20, standstill=0.25)
 
 
 def identify(*recordings, processing=RAW, **options):
@@ -108,12 +118,109 @@ def test_periods_can_be_averaged():
         "processing": Processing(drop_first=20, drop_last=20, standstill=0.01),
     }
     (whole,) = identify(recording, **options).joints
-    found = identify(recording, **options, period=3.0)
+    found = identify(recording, **options, periods=(3.0,))
     (joint,) = found.joints
     assert_near_truth(joint.estimate, PLAIN, deviations=5.0)
     assert joint.residual.samples < whole.residual.samples / 4
     assert joint.residual.std < 0.6 * whole.residual.std
     assert "log.folded" in {notice.code for notice in found.notices}
+
+
+def test_every_log_may_have_its_own_period():
+    recordings = [
+        record(peak, law="coulomb-viscous-offset", amplitude=0.5, periods=6.1, seed=k)
+        for k, peak in enumerate((np.pi / 3.0, np.pi / 6.0))
+    ]
+    options = {
+        "model": "coulomb-viscous-offset",
+        "processing": Processing(drop_first=20, drop_last=20, standstill=0.01),
+    }
+    (joint,) = identify(*recordings, **options, periods=(3.0, 6.0)).joints
+    assert_near_truth(joint.estimate, PLAIN, deviations=5.0)
+    # One period of each: no row is used twice.
+    assert 4400 < joint.residual.samples <= 4500
+    with pytest.raises(LogError) as caught:
+        identify(*recordings, **options, periods=(3.0,))
+    assert caught.value.notices[0].code == "log.not-periodic"
+    with pytest.raises(UsageError, match="3 periods were given for 2 logs") as caught:
+        identify(*recordings, **options, periods=(3.0, 6.0, 6.0))
+    assert caught.value.notices[0].code == "usage.friction-periods"
+
+
+def test_doubts_of_a_period_stay_where_no_number_is_found():
+    time = np.arange(5000) / 500.0
+    dq = 0.3 + 0.02 * np.cos(2.0 * np.pi * time)
+    recording = build_motion(dq - 0.3)
+    drifting = replace(recording, position=recording.position + 0.0001 * time[:, None] * [[1.0, 0.0]])
+    notices = refuse(drifting, model="coulomb-viscous-offset", beta=BETA, periods=(1.0,), processing=SLOW)
+    assert [notice.code for notice in notices][-1] == "log.not-periodic"
+
+
+def test_a_law_of_the_load_needs_a_load():
+    # The second joint has neither links' torque nor friction here; the first one has both.
+    notices = refuse(build_weightless(), model="load-dependent")
+    assert notices[0].code == "friction.nothing"
+    assert "move it against gravity" in notices[0].text
+
+
+def test_a_joint_without_load_does_not_keep_others_from_a_law():
+    samples = extract_joint(LIBRARY, prepare_joint_logs(LIBRARY, [build_weightless()], RAW), 0).samples
+    assert samples.load is None
+    with pytest.raises(IdentifiabilityError) as caught:
+        check_inputs(samples, get_law("load-dependent"))
+    assert caught.value.notices[0].code == "friction.no-load"
+
+
+def build_weightless():
+    """Return a recording whose torque is friction only: nothing in it is a load."""
+    recording = record(0.3, law="coulomb-viscous-offset")
+    speed = np.gradient(recording.position[:, 0], recording.time)
+    torque = np.zeros_like(recording.torque)
+    torque[:, 0] = (
+        1.1 * speed + 1.8 * np.sign(speed) + 0.05 * np.random.default_rng(1).normal(size=len(speed))
+    )
+    return replace(recording, torque=torque)
+
+
+def find_notices(*recordings, **options):
+    return {entry.code: entry.text for entry in identify(*recordings, **options).notices}
+
+
+def test_a_smoothing_without_use_is_refused_or_told():
+    with pytest.raises(UsageError, match="no sign that jumps") as caught:
+        identify(*SLOW_AND_FAST, model="makkar", smoothing=0.01)
+    assert caught.value.notices[0].code == "usage.friction-smoothing"
+    found = find_notices(*SLOW_AND_FAST, candidates=("makkar",), smoothing=0.01)
+    assert "friction.smoothing-unused" in found
+    found = find_notices(*SLOW_AND_FAST, model="stribeck+offset", smoothing=1e-4)
+    assert "friction.smoothing-unused" not in found
+
+
+def test_a_torque_of_the_wrong_sign_is_told():
+    right = record(1.0, law="coulomb-viscous-offset")
+    wrong = replace(right, torque=-right.torque)
+    assert "wrong sign" in find_notices(wrong, model="coulomb-viscous-offset")["friction.negative-inertia"]
+    assert "friction.negative-inertia" not in find_notices(right, model="coulomb-viscous-offset")
+
+
+def test_an_inertia_that_is_only_uncertain_is_not_blamed_on_the_log():
+    estimate = SimpleNamespace(extra=(ParameterEstimate(name="J", value=-0.03, std=0.2, unit="kg m^2"),))
+    (notice,) = warn_of_inertia(estimate)
+    assert "accelerates too little" in notice.text
+
+
+def test_a_torque_that_nothing_explains_is_told():
+    recording = record(1.0, law="coulomb-viscous-offset")
+    noise = 20.0 * np.random.default_rng(0).normal(size=recording.torque.shape)
+    noisy = replace(recording, torque=recording.torque + noise)
+    assert "degrees" in find_notices(noisy, model="coulomb-viscous-offset")["friction.unexplained"]
+    assert "friction.unexplained" not in find_notices(recording, model="coulomb-viscous-offset")
+
+
+def test_a_residual_with_a_pattern_is_told():
+    found = find_notices(*SLOW_AND_FAST, model="coulomb-viscous-offset")
+    assert "times too small" in found["friction.pattern"]
+    assert "friction.pattern" not in find_notices(*SLOW_AND_FAST, model="stribeck+offset")
 
 
 def test_names_are_checked_and_near_ones_offered():
@@ -151,6 +258,17 @@ def test_results_are_read_back_without_loss(tmp_path):
         (lambda data: data["joints"][0]["estimate"].update(outcome="LUCKY"), "LUCKY"),
         (lambda data: data["joints"][0]["estimate"].update(linear=[True]), "expected int or float"),
         (lambda data: data.update(refused=[["a"]]), "expected 2 entries"),
+        (lambda data: data.update(joints=[]), "joints is empty"),
+        (lambda data: data["joints"][0]["estimate"].update(law="zzz"), "no friction law is called 'zzz'"),
+        (lambda data: data["joints"][0]["estimate"].update(linear=[1.0]), "linear has 1 entries, not 3"),
+        (lambda data: data["joints"][0]["estimate"]["covariance"].pop(), "covariance has 5 entries, not 6"),
+        (lambda data: data["joints"][0]["estimate"]["covariance"][0].pop(), "row 0 has 5 entries"),
+        (lambda data: data["joints"][0]["velocity_map"]["torque"].pop(), "velocity_map.torque has"),
+        (
+            lambda data: data["joints"][0]["velocity_map"].update(cloud_velocity=[], cloud_torque=[]),
+            "cloud_velocity is empty",
+        ),
+        (lambda data: data["joints"][0]["estimate"].update(linear=[None, 1, 1]), "are not numbers"),
     ],
 )
 def test_files_that_are_no_results_are_refused(tmp_path, change, told):
@@ -224,6 +342,75 @@ def test_false_alarms_are_rare():
         ]
         alarms += compare(recordings).differs
     assert alarms <= 2
+
+
+def test_a_pose_that_cannot_be_fitted_is_left_out_and_the_rest_stays():
+    processing = Processing(drop_first=20, drop_last=20, standstill=0.1)
+    options = {"model": "coulomb-viscous-offset", "processing": processing}
+    fast = record(1.0, law="coulomb-viscous-offset")
+    slow = record(0.08, law="coulomb-viscous-offset", pose=(0.3, 1.2), periods=1.0, seed=1)
+    other = record(1.0, law="coulomb-viscous-offset", pose=(0.3, 0.9), seed=2)
+    found = identify(fast, slow, **options)
+    (joint,) = found.joints
+    assert joint.estimate.get_value("fC") == pytest.approx(1.8, abs=0.05)
+    assert joint.poses.parameters == ()
+    assert "1 of its poses only" in joint.poses.verdict
+    assert not joint.poses.differs
+    (text,) = [notice.text for notice in found.notices if notice.code == "friction.pose-skipped"]
+    assert "peak 0.08" in text
+    assert "slower than processing.standstill" in text
+    (joint,) = identify(fast, slow, other, **options).joints
+    assert [pose.sources for pose in joint.poses.poses] == [("peak 1",), ("peak 1",)]
+    assert [sources for sources, _ in joint.poses.skipped] == ["peak 0.08"]
+
+
+def test_poses_that_tell_too_little_are_not_called_alike():
+    short = record(0.8, law="coulomb-viscous-offset", pose=(0.3, 1.2), periods=0.16, noise=0.5)
+    found = compare([record(1.0, law="coulomb-viscous-offset"), short])
+    assert not found.differs
+    assert found.change is None or found.change > 0.0
+    assert "too uncertain to compare" in found.verdict
+
+
+def test_what_a_pose_does_not_tell_makes_no_change_of_the_curve():
+    logs = prepare_joint_logs(LIBRARY, [record(1.0), record(1.0, pose=(0.3, 1.2), seed=1)], FAST_ONLY)
+    found = find_pose_test(LIBRARY, logs, 0, get_law("stribeck+offset"), beta=BETA)
+    assert "vs" not in {entry.name for entry in found.parameters}
+    assert found.change is None
+    assert "the others are not known at all poses" in found.verdict
+
+
+@pytest.mark.parametrize(("memory", "poses"), [(0.0, 2), (0.0, 5), (0.98, 2), (0.98, 5), (0.995, 2)])
+def test_noise_with_a_memory_makes_no_difference_of_poses(memory, poses):
+    law = get_law("coulomb-viscous-offset")
+    linear, shape = law.from_physical((1.8, 1.1, 0.2))
+    time = np.arange(2000) / 100.0
+    velocity = 0.4 * np.sin(2.0 * np.pi * time / 5.0)
+    clean = find_torque(law, {"velocity": velocity}, linear, shape)
+    alarms = 0
+    for trial in range(60):
+        fits = []
+        for pose in range(poses):
+            rng = np.random.default_rng([trial, pose])
+            noise = lfilter([np.sqrt(1.0 - memory**2)], [1.0, -memory], rng.normal(size=5000))[3000:]
+            samples = FrictionSamples(
+                joint="j", time=time, velocity=velocity, torque=clean + 0.1 * noise, extra=np.empty((2000, 0))
+            )
+            estimate = fit_friction(samples, law)
+            deviations = find_robust_deviations(samples, law, estimate)
+            fits.append([(estimate.get_value(name), *deviations[name]) for name in ("fC", "fV", "offset")])
+        chances = [find_chance(*np.array([fit[k] for fit in fits]).T) for k in range(3)]
+        alarms += 3 * min(chances) < 0.01
+    # At 1 % the chance of four or more among sixty is 0.3 %.
+    assert alarms <= 3
+
+
+def test_the_comparison_of_two_means_is_that_of_welch():
+    rng = np.random.default_rng(4)
+    one, two = rng.normal(size=7), 0.4 + 3.0 * rng.normal(size=12)
+    stds = np.array([np.std(part, ddof=1) / np.sqrt(len(part)) for part in (one, two)])
+    chance = find_chance(np.array([one.mean(), two.mean()]), stds, np.array([6.0, 11.0]))
+    assert chance == pytest.approx(ttest_ind(one, two, equal_var=False).pvalue, rel=1e-10)
 
 
 def test_one_pose_is_no_test_and_recordings_of_one_pose_belong_together():

@@ -8,11 +8,11 @@ import pytest
 from symid.friction.estimate import FrictionOutcome
 from symid.friction.nlp import search_by_nlp
 from symid.friction.nlp_cost import NlpCost
-from symid.friction.nlp_status import IPOPT_OUTCOMES, find_ipopt_outcome
 from symid.friction.options import FrictionNlpOptions, FrictionOptions
 from symid.friction.problem import build_problem
 from symid.friction.variable_projection import search_by_projection
 from symid.identification.ipopt_functions import build_ipopt_functions
+from symid.identification.ipopt_status import IPOPT_STATUSES, find_ipopt_ending
 from symid.joint.friction_laws import get_law
 from tests.frictions import build_cosines, draw_s1, draw_s2, draw_samples
 
@@ -98,13 +98,13 @@ def test_the_limit_of_iterations_is_told():
 
 
 def test_every_status_has_an_outcome():
-    for status, outcome in IPOPT_OUTCOMES.items():
-        found, text = find_ipopt_outcome(status)
-        assert found is outcome
+    for status in IPOPT_STATUSES:
+        name, text = find_ipopt_ending(status)
+        assert FrictionOutcome[name].name == name
         assert status in text
-    assert find_ipopt_outcome("Solve_Succeeded")[0].usable
+    assert FrictionOutcome[find_ipopt_ending("Solve_Succeeded")[0]] is FrictionOutcome.CONVERGED
     for status in ("Infeasible_Problem_Detected", "Diverging_Iterates", "Invalid_Option", "no such status"):
-        assert not find_ipopt_outcome(status)[0].usable
+        assert not FrictionOutcome[find_ipopt_ending(status)[0]].usable
 
 
 def test_functions_of_casadi_return_what_numpy_does():

@@ -1,11 +1,16 @@
 """The choice of a law: blocks, what was held back, the rule of one standard error, the verdict."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from symid.errors import IdentifiabilityError, UsageError
+from symid.friction import selection as selection_module
+from symid.friction.estimators import fit_friction
 from symid.friction.extraction import extract_joint, prepare_joint_logs
 from symid.friction.map import find_velocity_map
+from symid.friction.options import VariableProjectionOptions
 from symid.friction.reduction import FrictionRows, find_rows
 from symid.friction.samples import FrictionSamples
 from symid.friction.selection import CANDIDATES, find_blocks, select_law
@@ -65,6 +70,34 @@ def test_the_true_law_is_taken(truth):
         richer = next(trial for trial in selection.trials if trial.law == "stribeck+offset")
         assert "cannot be told" in richer.reason
         assert taken.ratio == 1.0
+
+
+def test_a_law_whose_fall_lies_below_the_slowest_row_is_not_taken():
+    processing = replace(RAW, standstill=0.1)
+    recordings = [record(0.15, noise=0.02), record(1.0, noise=0.02, seed=1)]
+    logs = prepare_joint_logs(LIBRARY, recordings, processing)
+    selection = select_law(extract_joint(LIBRARY, logs, 0).samples, FEW)
+    best = selection.trials[0]
+    assert (best.law, best.reason) == ("stribeck+offset", "cannot be told: fS, vs")
+    assert selection.chosen != "stribeck+offset"
+    assert selection.verdict.startswith("Of the laws that these logs tell whole, ")
+
+
+def test_a_law_is_taken_only_where_a_fit_of_full_effort_tells_it(monkeypatch):
+    full = []
+
+    def fit(samples, law, *, options):
+        estimate = fit_friction(samples, law, options=options)
+        if law.name != "stribeck+offset" or options.variable_projection != VariableProjectionOptions():
+            return estimate
+        full.append(law.name)
+        return replace(estimate, refused=(("vs", "two optima"),))
+
+    monkeypatch.setattr(selection_module, "fit_friction", fit)
+    selection = select_law(build_samples("stribeck+offset"), FEW)
+    assert full == ["stribeck+offset"]
+    assert selection.chosen != "stribeck+offset"
+    assert next(trial for trial in selection.trials if trial.law == full[0]).reason == "cannot be told: vs"
 
 
 def test_a_law_that_cannot_be_fitted_says_why():

@@ -1,5 +1,7 @@
 """Variable projection: its derivatives, its optimum against searches that know nothing of it, its edges."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import differential_evolution, least_squares
@@ -8,7 +10,8 @@ from symid.friction.estimate import FrictionOutcome
 from symid.friction.estimators import search_friction
 from symid.friction.options import FrictionOptions, VariableProjectionOptions
 from symid.friction.problem import build_problem
-from symid.friction.variable_projection import Projector, find_grid, search_by_projection
+from symid.friction.projection import Projector
+from symid.friction.variable_projection import find_grid, search_by_projection
 from symid.joint.friction_law import find_torque
 from symid.joint.friction_laws import get_law
 from tests.frictions import build_cosines, draw_s1, draw_s2, draw_samples
@@ -158,3 +161,85 @@ def test_the_same_samples_give_the_same_bits():
     )
     assert first.objective == second.objective
     assert first.shape.tobytes() == second.shape.tobytes()
+
+
+@pytest.mark.parametrize(("name", "size"), [("tustin", 0.5), ("tustin", 2.0), ("stribeck", 0.2)])
+def test_steps_that_go_too_far_do_not_alternate_about_the_optimum(name, size):
+    law, velocity = get_law("stribeck"), build_cosines(1.0)
+    samples = draw_samples(law, (11.0, 20.0, 0.05, 20.0), velocity[np.abs(velocity) > 0.1], noise=0.1)
+    # What the law misses bends the objective more than its linear model says.
+    rate = 12.0 if name == "tustin" else 20.0
+    samples = replace(samples, torque=samples.torque + size * np.sin(rate * samples.velocity))
+    problem = build_problem(samples, get_law(name), OPTIONS)
+    search = search_by_projection(problem, FREE)
+    assert search.outcome is FrictionOutcome.CONVERGED
+    assert search.solves <= 100
+    projector = Projector(problem, 10**9)
+    z = problem.encode(search.shape)
+    around = [projector.project(z + step).objective for step in np.linspace(-1e-2, 1e-2, 21)]
+    assert search.objective <= min(around) * (1.0 + 1e-12)
+
+
+@pytest.mark.parametrize("joint", [1, 2, 3])
+def test_an_optimum_in_a_kink_ends_by_its_tolerance(joint):
+    samples, law = draw_s2(joint, seed=11)
+    search = search_by_projection(build_problem(samples, law, OPTIONS), FREE)
+    assert search.outcome is FrictionOutcome.CONVERGED
+    assert search.solves < 150
+
+
+@pytest.mark.parametrize("truth", ["stribeck", "improved-stribeck", "improved-stribeck-h2", "tustin"])
+@pytest.mark.parametrize(
+    ("name", "slow"),
+    [
+        ("improved-stribeck", 0.0),
+        ("improved-stribeck", 0.02),
+        # Without slow rows H2 has no optimum: its zone closes on the slowest row, and fP grows without end.
+        ("improved-stribeck-h2", 0.0),
+        ("improved-stribeck-h4", 0.0),
+        ("improved-stribeck-h4", 0.02),
+    ],
+)
+def test_laws_with_kinks_and_jumps_end_by_their_tolerance_on_samples_of_others(name, truth, slow):
+    law, velocity = get_law(truth), build_cosines(0.1, 1.0, count=400)
+    samples = draw_samples(law, TRUTHS[truth], velocity[np.abs(velocity) >= slow], noise=0.5, seed=3)
+    problem = build_problem(samples, get_law(name), OPTIONS)
+    search = search_by_projection(problem, FREE)
+    assert search.outcome is FrictionOutcome.CONVERGED
+    assert search.solves <= 150
+    projector = Projector(problem, 10**9)
+    z = problem.encode(search.shape)
+    low, high = problem.encode(problem.low), problem.encode(problem.high)
+    for place in range(len(z)):
+        for move in (-1e-7, 1e-7):
+            near = np.array(z)
+            near[place] = np.clip(near[place] + move, low[place], high[place])
+            assert search.objective <= projector.project(near).objective * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize("name", ["improved-stribeck", "improved-stribeck-h2"])
+def test_the_gain_beside_a_kink_is_that_of_the_slope_there(name):
+    problem = build(name)
+    projector = Projector(problem, 10**6)
+    speed = np.unique(np.abs(problem.samples.velocity))[8]
+    state = projector.project(problem.encode([0.03, speed]))
+    slopes, step = [], 1e-6
+    for side in (-1.0, 1.0):
+        near = projector.project(state.z + np.array([0.0, side * step]))
+        slope = (near.objective - state.objective) / step
+        gain = projector.find_side_gain(state, 1, side)
+        if slope >= 0.0:
+            assert gain == 0.0
+            continue
+        slopes.append(slope)
+        rate = projector.find_jacobian(near)[:, 1]
+        assert gain == pytest.approx(slope**2 / (4.0 * float(rate @ rate)), rel=1e-2)
+    assert slopes
+
+
+def test_no_gain_is_promised_beyond_the_end_of_the_search():
+    problem = build("improved-stribeck")
+    projector = Projector(problem, 10**6)
+    for side, end in ((-1.0, problem.low), (1.0, problem.high)):
+        state = projector.project(problem.encode([0.03, end[1]]))
+        assert projector.find_side_gain(state, 1, side) == 0.0

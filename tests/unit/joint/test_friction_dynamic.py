@@ -202,6 +202,10 @@ def test_passivity_of_lugre_is_known_where_viscous_friction_covers_the_fall():
     assert is_passive(law, (1e4, 80.0, 10.0, 15.0, 0.02, 2.0, 39.9)) is None
     assert is_passive(law, (1e4, 80.0, 10.0, 10.0, 0.02, 2.0, 0.0))
     assert is_passive(get_dynamic_law("dahl"), (1e4, 10.0))
+    # A static level below Coulomb friction counts as much: (max - min) / min = 1.
+    assert is_passive(law, (1e4, 80.0, 10.0, 5.0, 0.02, 2.0, 80.0))
+    assert is_passive(law, (1e4, 80.0, 10.0, 5.0, 0.02, 2.0, 79.9)) is None
+    assert "|fS - fC| / min(fC, fS)" in law.passivity
 
 
 def test_values_out_of_bounds_are_refused_all_at_once():
@@ -218,6 +222,8 @@ def test_an_unknown_law_is_told_with_the_nearest():
     with pytest.raises(UsageError, match=r"no dynamic friction 'lugree', did you mean 'lugre'\?") as caught:
         get_dynamic_law("lugree")
     assert caught.value.notices[0].code == "joint.no-dynamic-friction"
+    with pytest.raises(UsageError, match="'zzz'; known are dahl, lugre"):
+        get_dynamic_law("zzz")
 
 
 @pytest.mark.parametrize(

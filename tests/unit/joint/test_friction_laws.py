@@ -420,12 +420,39 @@ def test_a_name_says_all_of_a_law(law, name):
         ("position-dependent-1,1", "There are"),
         ("stribeck+offset+offset", "There are"),
         ("", "There are"),
+        ("zzz", "called 'zzz'. There are"),
+        ("stribek", "stribeck-exponent\\? There are"),
+        ("stribeck-400", "exponent must be above 0 and at most 10"),
+        ("improved-stribeck-h2-150+offset", "exponent must be above 0 and at most 10"),
+        ("stribeck-1e400", "exponent must be above 0 and at most 10"),
+        ("position-dependent-1x1e999", "gear ratio must be above 0 and finite"),
+        ("polynomial-2,2", "each of its orders may stand once"),
+        ("LuGre", "one with a memory, which Python and C know"),
     ],
 )
 def test_a_law_that_does_not_exist_is_refused(name, hint):
     with pytest.raises(UsageError, match=hint.replace("+", r"\+")) as caught:
         get_law(name)
     assert caught.value.notices[0].code == "usage.unknown-friction-law"
+
+
+def test_the_largest_exponent_of_robot_files_is_allowed_and_its_columns_are_finite():
+    law = get_law("stribeck-10")
+    speeds = np.concatenate([[0.0], np.logspace(-12, 6, 200)])
+    assert np.all(np.isfinite(find_columns(law, {"velocity": speeds}, [1e-3])))
+    assert np.all(np.isfinite(find_column_rates(law, {"velocity": speeds}, [1e-3])))
+
+
+@pytest.mark.parametrize(
+    ("name", "formula"),
+    [
+        ("tustin", "[fC + (fS - fC) exp(-|dq / vs|)] sign(dq) + fV dq"),
+        ("cubic", "fC sign(dq) + fV dq + fV2 |dq| dq + fV3 |dq|^2 dq"),
+        ("stribeck", "[fC + (fS - fC) exp(-|dq / vs|^2)] sign(dq) + fV dq"),
+    ],
+)
+def test_formulas_leave_out_an_exponent_of_one(name, formula):
+    assert get_law(name).formula == formula
 
 
 def test_some_laws_in_latex():

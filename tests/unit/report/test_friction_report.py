@@ -69,6 +69,34 @@ def test_the_band_holds_the_true_curve(found):
     assert curve.half_width.max() < 0.3
 
 
+def test_the_curve_ends_at_the_slowest_row():
+    processing = replace(RAW, standstill=0.25)
+    found = identify_friction(
+        build_two_link(), (record(1.0),), processing, FrictionTask(model="coulomb-viscous-offset")
+    )
+    (joint,) = found.joints
+    slowest = joint.velocity_map.slowest
+    assert 0.25 <= slowest < 0.26
+    curve = find_friction_curve(joint)
+    assert np.abs(curve.velocity).min() == pytest.approx(slowest)
+    assert {-1.0, 1.0} == set(np.sign(curve.velocity))
+    # The law and both edges of its band, in either direction; no line through standstill.
+    assert build_friction_figure(joint).count("<polyline") == 2 * 3
+    reaching = replace(joint, velocity_map=replace(joint.velocity_map, slowest=1e-5))
+    assert 0.0 in find_friction_curve(reaching).velocity
+    assert build_friction_figure(reaching).count("<polyline") == 3
+
+
+def test_poses_left_out_are_on_the_page(found, tmp_path):
+    (joint,) = found.joints
+    poses = replace(joint.poses, parameters=(), skipped=(("log 7", "every row is slow"),))
+    text = write_friction_report(
+        tmp_path / "page.html", replace(found, joints=(replace(joint, poses=poses),))
+    ).read_text()
+    assert "left out: log 7: every row is slow" in text
+    assert "95 % intervals pose by pose" not in text
+
+
 def test_the_verdict_weighs_what_was_held_back_and_refused(found):
     assert build_friction_report(found).verdict.level == "good"
     (joint,) = found.joints

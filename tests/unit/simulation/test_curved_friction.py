@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from symid.codegen.cache import prepare_library
-from symid.errors import UsageError
+from symid.errors import SolverError, UsageError
 from symid.formats.toml import parse_robot
 from symid.simulation.friction import find_friction_lines
 from symid.simulation.plant import Plant, start_state
@@ -109,6 +109,101 @@ def test_curved_friction_that_pushes_is_refused():
     with pytest.raises(UsageError, match="friction must oppose motion") as caught:
         find_friction_lines(prepare_library(parse_robot(text)))
     assert caught.value.notices[0].code == "usage.negative-friction"
+
+
+@pytest.mark.parametrize(
+    ("friction", "said"),
+    [
+        (
+            'model = "cubic"\nFv = 0.6\nFc = 0.2\nFvq = -1\nFvc = 0',
+            "joint 'x': .* from about 0.8[5-7] m/s on",
+        ),
+        ('model = "power_law"\nFc = 0.9\nFd = -0.5\ndelta = 1.5', "from about 1.5 m/s on"),
+        ('model = "makkar"\nFm = 3\nFc = 0.1\nFv = 0\ng2 = 1\ng3 = 100\ng5 = 10', "as motion begins"),
+    ],
+)
+def test_a_curve_that_pushes_at_some_speed_is_refused(friction, said):
+    library = prepare_library(parse_robot(FILE.format(friction=friction)))
+    with pytest.raises(UsageError, match=said) as caught:
+        Plant(library)
+    assert caught.value.notices[0].code == "usage.negative-friction"
+
+
+def test_a_curve_that_pushes_only_beyond_the_velocity_limit_is_refused_when_it_gets_there():
+    friction = 'model = "cubic"\nFv = 0.6\nFc = 0.2\nFvq = -1\nFvc = 0'
+    library = prepare_library(parse_robot(FILE.format(friction=friction)))
+    plant = Plant(library, speeds=np.array([0.8]))
+    plant.check_friction(np.array([[0.0], [0.8], [-0.8]]))
+    with pytest.raises(UsageError, match="keep the joint slower") as caught:
+        plant.check_friction(np.array([[0.0], [0.8], [-0.9]]))
+    assert caught.value.notices[0].code == "usage.negative-friction"
+
+
+def test_bias_is_no_push():
+    friction = 'model = "improved_stribeck"\nFv = 1\nFc = 1\nFe = 1\nFp = 9\nvs = 0.1\ndq0 = 0.02'
+    assert Plant(prepare_library(parse_robot(FILE.format(friction=friction)))).size == 1
+
+
+def find_improved(v, edge):
+    fall = np.exp(-((np.maximum(np.abs(v), edge) / 0.01292) ** 2))
+    return 8.9 * v + (3.99 + 3.33 * fall) * np.clip(v / edge, -1.0, 1.0) - 0.33
+
+
+def drive(plant, period, count):
+    """Return force, velocity and the end of a run under a force that changes its sign."""
+    state, speeds = start_state(np.zeros(1)), [0.0]
+    torque = [9.0 * np.sin(2 * np.pi * 2.0 * k * period) for k in range(count)]
+    for value in torque:
+        state = plant.advance(state, np.array([value]), period)
+        speeds.append(float(state.dq[0]))
+    return torque, np.array(speeds), state
+
+
+@pytest.mark.parametrize(("edge", "allowed"), [(0.005, 2e-5), (0.0005, 3e-4)])
+def test_a_steep_zone_is_followed_as_an_implicit_solver_does(edge, allowed):
+    """A light joint, so that friction stops it at 2e4 and 2e5 / s, against steps of a millisecond."""
+    values = "Fv = 8.9\nFc = 3.99\nFe = 3.33\nFp = -0.33\nvs = 0.01292"
+    friction = f'model = "improved_stribeck"\n{values}\ndq0 = {edge}'
+    text = FILE.replace("mass = 2.0", "mass = 0.08").format(friction=friction)
+    period, count = 1e-3, 440
+    torque, speeds, state = drive(Plant(prepare_library(parse_robot(text))), period, count)
+    exact = [0.0]
+    for value in torque:
+        done = solve_ivp(
+            lambda _t, v, value=value: (value - find_improved(v, edge)) / 0.08,
+            (0.0, period),
+            [exact[-1]],
+            method="LSODA",
+            rtol=1e-10,
+            atol=1e-13,
+        )
+        exact.append(float(done.y[0, -1]))
+    assert np.ptp(exact) > 0.5
+    # Where it breaks away it falls from a knee, which makes much of any difference.
+    assert np.abs(speeds - exact).max() < allowed * np.abs(exact).max()
+    kinetic = 0.5 * 0.08 * state.dq[0] ** 2
+    assert state.work == pytest.approx(kinetic + state.dissipation, rel=1e-7)
+
+
+@pytest.mark.parametrize("friction", ['model = "power_law"\nFc = 1\nFd = 2\ndelta = 0.3', STRIBECK])
+def test_work_and_loss_agree_over_reversals(friction):
+    plant = Plant(
+        prepare_library(parse_robot(FILE.replace("mass = 2.0", "mass = 0.08").format(friction=friction)))
+    )
+    _, speeds, state = drive(plant, 1e-3, 600)
+    assert speeds.max() > 0.1
+    assert speeds.min() < -0.1
+    assert state.work == pytest.approx(0.04 * state.dq[0] ** 2 + state.dissipation, rel=1e-7)
+
+
+def test_a_zone_too_steep_to_follow_is_refused_by_name():
+    friction = 'model = "improved_stribeck"\nFv = 1\nFc = 4\nFe = 1\nFp = 0\nvs = 0.1\ndq0 = 1e-9'
+    plant = Plant(prepare_library(parse_robot(FILE.format(friction=friction))))
+    with pytest.raises(
+        SolverError, match=r"the friction of 'x' rises so steeply .* widen the zone"
+    ) as caught:
+        drive(plant, 1e-3, 100)
+    assert caught.value.notices[0].code == "simulate.steep-friction"
 
 
 def test_curved_friction_of_a_drive_of_two_joints_is_refused():

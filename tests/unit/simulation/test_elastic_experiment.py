@@ -18,7 +18,7 @@ from symid.excitation.trajectories import (
 )
 from symid.formats.toml import read_robot
 from symid.joint.plays import find_hysteresis_torque, find_spring_work
-from symid.robot.description import FrictionKind, FrictionValues, Limits
+from symid.robot.description import CurvedFriction, FrictionKind, FrictionValues, Limits
 from symid.robot.elasticity import Elasticity, Stop
 from symid.simulation.elastic_experiment import simulate_elastic
 from symid.simulation.elastic_options import (
@@ -34,6 +34,7 @@ from symid.simulation.experiment import ExperimentOptions, simulate_experiment
 from symid.simulation.gains import Gains, find_gains
 from symid.simulation.rest import find_rest
 
+FUNCTIONS = ("forward_dynamics", "mass_matrix", "gravity", "energy", "friction", "friction_regressor")
 CLEAN = build_clean_options()
 FAST = build_scaled(build_ta(duration=8.0), 10.0)
 
@@ -52,6 +53,20 @@ def fast(elastic_robot, elastic_library):
 def noisy(elastic_robot, elastic_library):
     """Return a noisy run of (TC)."""
     return simulate(elastic_robot, elastic_library, build_tc(duration=6.0), build_noisy_options())
+
+
+def test_motors_whose_friction_drives_them_are_refused(elastic_robot, c_compiler):
+    """A cubic that pushes from 0.86 rad/s on: refused at once, or when a run gets there."""
+    friction = FrictionValues(kind=CurvedFriction.CUBIC, values=(0.6, 0.0, -0.7, 0.0))
+    robot = change_joints(elastic_robot, friction=friction, limits=Limits())
+    library = prepare_library(robot, names=FUNCTIONS)
+    with pytest.raises(UsageError, match=r"drives the joint from about 0\.8[5-9] rad/s on") as caught:
+        simulate(robot, library)
+    assert {notice.code for notice in caught.value.notices} == {"usage.negative-friction"}
+    slow = change_joints(robot, limits=Limits(velocity=0.5))
+    with pytest.raises(UsageError, match="keep the joint slower"):
+        simulate(slow, library)
+    assert simulate(slow, library, build_ta(duration=2.0)).dtheta.max() < 0.8
 
 
 def change_joints(robot, **changes):

@@ -1,0 +1,269 @@
+"""Identified friction as a robot file, and on logs that were not fitted, as a user calls them."""
+
+import json
+
+import numpy as np
+import pytest
+
+from symid.cli.inputs import load_robot_library
+from symid.cli.output import Console
+from symid.formats.toml import read_robot
+from symid.joint.friction_law import find_torque
+from symid.joint.friction_laws import get_law
+from tests.cli.test_identify_friction import (
+    AXIS_LAW,
+    LAW,
+    PLAIN_PROCESSING,
+    arm_logs,
+    axis_log,
+    call,
+    call_json,
+    find_codes,
+    save,
+    save_axis,
+)
+from tests.unit.friction.cosine_rigs import record
+
+__all__ = ["arm_logs", "axis_log"]
+
+
+@pytest.fixture
+def identify(capsys, axis_log, tmp_path):
+    """Return a function that identifies friction of the axis by a law, and where the result is."""
+
+    def run(model, *options):
+        path = tmp_path / f"{model}.json"
+        code, _ = call_json(
+            capsys, "identify", "emps", axis_log, *AXIS_LAW, "--model", model, *options, "-o", path
+        )
+        assert code == 0
+        return path
+
+    return run
+
+
+@pytest.fixture
+def other_log(tmp_path):
+    """Return another motion of the axis of `axis_log`."""
+    time = np.arange(4000) * 4e-3
+    v = 0.09 * np.sin(2.0 * np.pi * 0.35 * time) * np.cos(2.0 * np.pi * 0.03 * time)
+    friction = (20.0 + 8.0 * np.exp(-((v / 0.008) ** 2))) * np.sign(v) + 200.0 * v - 3.0
+    return save_axis(tmp_path / "other.npz", v, friction)
+
+
+def change(path, **entries):
+    """Write a result with other entries at its first joint's estimate, or in the settings."""
+    data = json.loads(path.read_text())
+    for name, value in entries.items():
+        place = data["settings"] if name in data["settings"] else data["joints"][0]["estimate"]
+        place[name] = value
+    path.write_text(json.dumps(data))
+    return path
+
+
+def test_the_robot_file_has_the_torque_of_the_law(capsys, identify, tmp_path):
+    result, file = identify("stribeck+offset", "--smoothing", "0.001"), tmp_path / "robot.toml"
+    code, answer = call_json(capsys, "export", "emps", result, "-o", file)
+    assert code == 0
+    written = answer["result"]["written"]["axis"]
+    assert (written["law"], written["model"]) == ("stribeck+offset", "stribeck_offset")
+    assert answer["result"]["kept"] == {}
+    robot = read_robot(file)
+    friction = robot.joints[0].friction
+    assert friction.smoothing == 0.001
+    assert robot.source.startswith("Friction identified from axis.npz; before: ")
+    estimate = json.loads(result.read_text())["joints"][0]["estimate"]
+    values = {entry["name"]: entry["value"] for entry in estimate["parameters"]}
+    assert written["values"]["Fe"] == pytest.approx(values["fS"] - values["fC"], abs=1e-12)
+    library = load_robot_library(robot, Console(quiet=True, verbose=False))
+    velocity = np.linspace(-0.2, 0.2, 801)
+    (columns,) = library.evaluate("friction_regressor", velocity[:, None])
+    law = get_law("stribeck+offset", smoothing=0.001)
+    expected = find_torque(law, {"velocity": velocity}, estimate["linear"], estimate["shape"])
+    torque = columns[:, 0] @ np.array(friction.values)
+    assert np.max(np.abs(torque - expected)) <= 1e-12 * np.max(np.abs(expected))
+    code, out, _ = call(capsys, "export", "emps", result, "-o", file, "--force")
+    assert (code, "axis: stribeck+offset as stribeck_offset" in out) == (0, True)
+    assert call_json(capsys, "check", file)[0] == 0
+
+
+@pytest.mark.parametrize("model", ["lorentzian", "cubic+offset"])
+def test_friction_that_no_file_has_stays_as_it_was(capsys, identify, tmp_path, model):
+    result, file = identify(model), tmp_path / "robot.toml"
+    code, answer = call_json(capsys, "export", "emps", result, "-o", file)
+    assert code == 0
+    assert answer["result"]["written"] == {}
+    (warning,) = (entry for entry in answer["warnings"] if entry["code"] == "export.friction-kept")
+    kept = "joint 'axis' keeps the friction of the robot file: robot files have no model of the law"
+    assert warning["text"].startswith(f"{kept} {model!r}")
+    assert read_robot(file).joints[0].friction.kind.value == "viscous_coulomb_offset"
+
+
+def test_refused_parameters_keep_the_files_friction(capsys, identify, tmp_path):
+    result = identify("stribeck+offset", "--set", "processing.standstill=0.05")
+    code, answer = call_json(capsys, "export", "emps", result, "-o", tmp_path / "robot.toml")
+    assert code == 0
+    reason = answer["result"]["kept"]["axis"]
+    assert "fS was refused" in reason
+    assert "vs was refused" in reason
+    assert "export.friction-kept" in find_codes(answer)
+
+
+def test_what_drives_the_joint_is_told_of_the_written_file(capsys, identify, tmp_path):
+    result = change(identify("coulomb-viscous-offset"), linear=[-5.0, 20.0, 1.0])
+    code, answer = call_json(capsys, "export", "emps", result, "-o", tmp_path / "robot.toml")
+    assert (code, "robot.negative-friction" in find_codes(answer)) == (0, True)
+    (warning,) = (entry for entry in answer["warnings"] if entry["code"] == "robot.negative-friction")
+    assert warning["file"] == str(tmp_path / "robot.toml")
+
+
+def test_an_arm_keeps_what_did_not_move(capsys, arm_logs, tmp_path):
+    result, file = tmp_path / "friction.json", tmp_path / "arm.toml"
+    arguments = ("identify", "two_link", *arm_logs[:2], *LAW, "--model", "stribeck+offset")
+    call_json(capsys, *arguments, *PLAIN_PROCESSING, "--friction", "viscous_coulomb", "-o", result)
+    code, answer = call_json(capsys, "export", "two_link", result, "-o", file)
+    assert code == 0
+    assert list(answer["result"]["written"]) == ["shoulder"]
+    assert "moves in none of these logs" in answer["result"]["kept"]["elbow"]
+    log = save(tmp_path / "other.npz", record(0.6, seed=8))
+    code, answer = call_json(capsys, "validate", "two_link", result, log)
+    assert code == 0
+    (residual,) = answer["result"]["residual"]
+    assert (residual["joint"], answer["result"]["laws"]) == ("shoulder", {"shoulder": "stribeck+offset"})
+    assert residual["std"] == pytest.approx(0.05, rel=0.05)
+    assert "validate.friction-pose" in find_codes(answer)
+
+
+def test_dynamics_and_friction_become_one_file(capsys, arm_logs, tmp_path):
+    names = ("estimate.json", "friction.json", "dynamics.toml", "identified.toml")
+    estimate, result, dynamics, identified = (tmp_path / name for name in names)
+    call_json(capsys, "identify", "two_link", *arm_logs, *PLAIN_PROCESSING, "-o", estimate)
+    call_json(
+        capsys,
+        "identify",
+        "two_link",
+        *arm_logs[:2],
+        *LAW,
+        "--model",
+        "asymmetric",
+        *PLAIN_PROCESSING,
+        "-o",
+        result,
+    )
+    assert call_json(capsys, "export", "two_link", estimate, "-o", dynamics)[0] == 0
+    code, answer = call_json(capsys, "export", dynamics, result, "-o", identified)
+    assert (code, list(answer["result"]["written"])) == (0, ["shoulder"])
+    before, after = read_robot(dynamics), read_robot(identified)
+    assert after.joints[0].friction.kind.value == "asymmetric"
+    assert after.joints[1] == before.joints[1]
+    assert after.joints[0].inertial == before.joints[0].inertial
+
+
+def test_springs_are_told_to_lose_energy_twice(capsys, arm_logs, tmp_path):
+    result = tmp_path / "friction.json"
+    arguments = ("identify", "two_link_elastic", arm_logs[1], *LAW, "--model", "coulomb-viscous-offset")
+    call_json(capsys, *arguments, "-o", result)
+    code, answer = call_json(capsys, "export", "two_link_elastic", result, "-o", tmp_path / "x.toml")
+    assert (code, "export.friction-springs" in find_codes(answer)) == (0, True)
+
+
+def test_another_log_is_foretold(capsys, identify, axis_log, other_log):
+    result = identify("stribeck+offset")
+    code, answer = call_json(capsys, "validate", "emps", result, other_log)
+    assert (code, answer["result"]["accepted"]) == (0, True)
+    (residual,) = answer["result"]["residual"]
+    assert residual["relative_percent"] == pytest.approx(answer["result"]["mean_relative_percent"])
+    assert residual["unit"] == "N"
+    code, out, _ = call(capsys, "validate", "emps", result, other_log)
+    assert f"mean relative residual {residual['relative_percent']:.4f} %" in out
+    assert "RMS" in out
+    code, answer = call_json(capsys, "validate", "emps", result, axis_log)
+    assert "validate.fitted-log" in find_codes(answer)
+
+
+def test_a_missed_gate_is_exit_code_one(capsys, identify, other_log):
+    result = identify("coulomb-viscous-offset")
+    code, answer = call_json(capsys, "validate", "emps", result, other_log, "--gate", "0.01")
+    assert (code, find_codes(answer) & {"validate.gate-missed"}) == (1, {"validate.gate-missed"})
+    assert answer["result"]["accepted"] is False
+    code, _ = call_json(capsys, "validate", "emps", result, other_log, "--gate", "99")
+    assert code == 0
+
+
+def test_processing_of_the_fit_is_followed_and_may_be_set(capsys, identify, other_log):
+    result = identify("coulomb-viscous-offset")
+    _, answer = call_json(capsys, "validate", "emps", result, other_log)
+    # The robot file decimates by ten, the identification did not.
+    assert "estimate.settings-differ" in find_codes(answer)
+    samples = answer["result"]["samples"]
+    arguments = ("validate", "emps", result, other_log, "--set", "processing.decimation.factor=10")
+    _, answer = call_json(capsys, *arguments)
+    assert samples == pytest.approx(10 * answer["result"]["samples"], abs=20)
+
+
+def test_mean_periods_are_not_asked_of_another_log(capsys, other_log, tmp_path):
+    time = np.arange(5000) * 4e-3
+    v = 0.1 * np.sin(2.0 * np.pi * 0.5 * time)
+    log, result = tmp_path / "cosine.npz", tmp_path / "friction.json"
+    save_axis(log, v, 20.0 * np.sign(v) + 200.0 * v - 3.0)
+    arguments = ("identify", "emps", log, *AXIS_LAW, "--model", "coulomb-viscous-offset", "--period", "2")
+    assert call_json(capsys, *arguments, "-o", result)[0] == 0
+    code, answer = call_json(capsys, "validate", "emps", result, other_log)
+    assert code == 0
+    assert "validate.not-folded" in find_codes(answer)
+    # 49 samples are cut off at the start, as the robot file says, and none at the end.
+    assert answer["result"]["samples"] >= 4000 - 49 - 10
+
+
+def test_known_base_parameters_are_kept_with_the_friction(capsys, arm_logs, tmp_path):
+    estimate, result = tmp_path / "estimate.json", tmp_path / "friction.json"
+    call_json(capsys, "identify", "two_link", *arm_logs, *PLAIN_PROCESSING, "-o", estimate)
+    arguments = ("identify", "two_link", *arm_logs[:2], *LAW, "--model", "stribeck+offset")
+    call_json(capsys, *arguments, *PLAIN_PROCESSING, "--known", estimate, "-o", result)
+    estimate.unlink()
+    log = save(tmp_path / "other.npz", record(0.6, seed=8))
+    code, answer = call_json(capsys, "validate", "two_link", result, log)
+    assert code == 0
+    assert answer["result"]["residual"][0]["std"] == pytest.approx(0.05, rel=0.1)
+    code, answer = call_json(capsys, "validate", "two_link", change(result, known_values={"ZZR1": 1.0}), log)
+    assert (code, find_codes(answer)) == (3, {"estimate.settings"})
+
+
+def test_files_of_another_kind_say_what_they_are(capsys, identify, axis_log, tmp_path):
+    result = identify("coulomb-viscous-offset")
+    code, answer = call_json(capsys, "identify", "emps", axis_log, *AXIS_LAW, "--known", result)
+    (error,) = answer["errors"]
+    assert (code, error["code"]) == (3, "estimate.friction")
+    assert "this is friction found with --rows friction" in error["text"]
+    log = save(tmp_path / "arm.npz", record(1.0))
+    for arguments in (
+        ("export", "two_link", result, "-o", tmp_path / "x.toml"),
+        ("validate", "two_link", result, log),
+    ):
+        code, answer = call_json(capsys, *arguments)
+        (error,) = answer["errors"]
+        assert (code, error["code"]) == (3, "estimate.signature")
+        assert "identified for robot 'emps', the robot given is 'two_link'" in error["text"]
+        assert error["file"] == str(result)
+    code, answer = call_json(capsys, "validate", "emps", result, axis_log, "--tracking")
+    assert (code, find_codes(answer)) == (2, {"usage.rigid-tracking"})
+    code, answer = call_json(capsys, "export", "emps", result, "-o", tmp_path / "x.json")
+    assert (code, find_codes(answer)) == (2, {"usage.suffix"})
+    assert json.loads(result.read_text())["format"] == "symid friction result"
+
+
+def test_help_says_who_reads_the_result(capsys):
+    _, out, _ = call(capsys, "identify", "--help")
+    assert "for `validate`, `report` and `export`" in " ".join(out.split())
+
+
+@pytest.mark.parametrize(("model", "percent"), [("asymmetric", 5.3649), ("coulomb-viscous-offset", 5.9824)])
+def test_emps_foretells_its_pulses(capsys, shared_data, tmp_path, model, percent):
+    folder, result = shared_data / "emps", tmp_path / "friction.json"
+    call_json(capsys, "identify", "emps", folder / "DATA_EMPS.mat", *LAW, "--model", model, "-o", result)
+    pulses = folder / "DATA_EMPS_PULSES.mat"
+    code, out, _ = call(capsys, "validate", "emps", result, pulses, "--gate", "5.5")
+    assert f"mean relative residual {percent:.4f} %" in out
+    assert code == (0 if percent < 5.5 else 1)
+    _, answer = call_json(capsys, "validate", "emps", result, pulses)
+    assert answer["result"]["mean_relative_percent"] == pytest.approx(percent, abs=5.1e-5)
