@@ -1,6 +1,7 @@
 # Each target makes the environment it needs in .venv; nothing has to be installed or active before.
 #   make demo    simulate, generate, identify, validate, report, on a two-link arm
 #   make test    style, types and all tests
+#   make test-embedded    generated C under other compilers, sanitizers, cppcheck, and on Cortex-M in QEMU
 # PYTHON is the interpreter that .venv is made from (3.11 or later).
 
 PYTHON ?= python3
@@ -9,13 +10,15 @@ BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 DEMO := demo
 WORKERS ?= 2
+# Program and the Debian package that has it.
+EMBEDDED := gcc:gcc clang:clang cppcheck:cppcheck arm-none-eabi-gcc:gcc-arm-none-eabi qemu-system-arm:qemu-system-arm
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow lint docs wheel benchmark clean
+.PHONY: help demo test test-slow test-embedded embedded-packages lint docs wheel benchmark clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
-	@echo "make lint, test-slow, docs, wheel, benchmark, clean"
+	@echo "make lint, test-slow, docs, wheel, benchmark, embedded-packages, clean"
 
 $(VENV)/made:
 	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "symid needs Python 3.11 or later, set PYTHON")'
@@ -49,6 +52,21 @@ test: lint
 # Every URDF of a package of seventy; prints a table.
 test-slow: $(VENV)/dev
 	$(BIN)/python -m pytest -m slow --capture=no --quiet tests/oracle/test_urdf_robots.py
+
+# What test-embedded still wants of Debian, a package a line; nothing if all is there.
+embedded-packages:
+	@for pair in $(EMBEDDED); do command -v $${pair%%:*} >/dev/null || echo $${pair##*:}; done
+	@ls $$(clang -print-resource-dir 2>/dev/null)/lib/*/libclang_rt.asan* >/dev/null 2>&1 || echo libclang-rt-dev
+	@echo '#include <stdio.h>' | arm-none-eabi-gcc -fsyntax-only -x c - 2>/dev/null || echo libnewlib-arm-none-eabi
+
+# Its figures stand at the end: sizes, stack, instructions, errors, last lines of self-tests.
+test-embedded: $(VENV)/dev
+	@missing=$$($(MAKE) --silent --no-print-directory embedded-packages | paste -sd' '); \
+	if [ -n "$$missing" ]; then \
+		echo "test-embedded wants programs that are not here; as root: apt-get install --no-install-recommends $$missing"; \
+		exit 1; \
+	fi
+	$(BIN)/python -m pytest -m embedded --numprocesses $(WORKERS) tests/embedded
 
 docs: $(VENV)/docs
 	$(BIN)/sphinx-build -W --keep-going -b html docs docs/_build/html

@@ -387,6 +387,11 @@ _NUMERIC = {
     Op.COS: np.cos,
     Op.ABS: np.abs,
     Op.SIGN: np.sign,
+    Op.TANH: np.tanh,
+    Op.LESS: operator.lt,
+    Op.LESS_EQUAL: operator.le,
+    Op.MAXIMUM: max,
+    Op.MINIMUM: min,
 }
 
 

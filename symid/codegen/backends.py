@@ -10,7 +10,7 @@ Not supported: shared libraries of another machine.
 import ctypes
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import final
@@ -18,13 +18,20 @@ from typing import final
 import numpy as np
 
 from symid.arrays import FloatArray
-from symid.codegen.calls import allocate, check_inputs, check_sample, find_spec
-from symid.codegen.functions import ModelCard
+from symid.codegen.calls import (
+    Call,
+    allocate,
+    check_inputs,
+    check_outputs,
+    check_sample,
+    find_spec,
+    keep_outputs,
+)
+from symid.codegen.functions import FunctionSpec, ModelCard
+from symid.codegen.python_call import find_python_call
 from symid.errors import GenerationError, Notice, UsageError
 
-__all__ = ["Bound", "CompiledLibrary", "PythonLibrary", "import_module"]
-
-Bound = Callable[..., tuple[FloatArray, ...]]
+__all__ = ["CompiledLibrary", "PythonLibrary", "import_module"]
 
 
 def _open(binary: Path) -> ctypes.CDLL:
@@ -63,7 +70,11 @@ def _open_built(binary: Path, prefix: str, digest: str) -> ctypes.CDLL:
 
 @final
 class CompiledLibrary:
-    """Functions of a shared library; calls pass arrays without a copy and release the interpreter's lock.
+    """Functions of a shared library.
+
+    `evaluate` passes arrays without a copy and releases the interpreter's lock. So does nothing else: `bind`
+    gives a built-in function where it can (see `python_call`), which holds the lock and copies nothing
+    either; elsewhere it goes through ctypes and copies its few numbers.
 
     `digest` is what the library must say it was built from; see `find_build_digest`.
     """
@@ -96,33 +107,49 @@ class CompiledLibrary:
         found: Callable[..., int] = symbol
         return found
 
-    def evaluate(self, name: str, *inputs: FloatArray) -> tuple[FloatArray, ...]:
+    def evaluate(
+        self, name: str, *inputs: FloatArray, out: Sequence[FloatArray] | None = None
+    ) -> tuple[FloatArray, ...]:
         """Return the outputs of function `name`; see `Library`.
 
         Raises:
-            UsageError: the function does not exist, or an input has a wrong shape or no real numbers.
+            UsageError: the function does not exist, an input has a wrong shape or no real numbers, or `out`
+                cannot take the outputs.
         """
         spec = find_spec(self.card, name)
         samples, arrays = check_inputs(self.card, spec, inputs)
-        given = [np.asarray(array, dtype=self._dtype) for array in arrays]
-        outputs = tuple(allocate(port, samples, self._dtype) for port in spec.outputs)
+        kept = None if out is None else check_outputs(self.card, spec, samples, out)
+        given = [np.asarray(array, dtype=self._dtype) for array in _separate(arrays, kept or ())]
+        if kept is not None and self._dtype is np.float64:
+            outputs = kept
+        else:
+            outputs = tuple(allocate(port, samples, self._dtype) for port in spec.outputs)
         pointers = [ctypes.c_void_p(array.ctypes.data) for array in (*given, *outputs)]
         count = ctypes.c_size_t(1 if samples is None else samples)
         status = self._find_symbol(f"{name}_batch")(count, *pointers)
         if status:
             raise _fail_call(name, status)
-        return tuple(np.asarray(output, dtype=np.float64) for output in outputs)
+        return _hand_over(outputs, kept)
 
-    def bind(self, name: str) -> Bound:
-        """Return function `name` for one sample; its outputs are overwritten by the next call.
+    def bind(self, name: str, *, out: Sequence[FloatArray] | None = None) -> Call:
+        """Return function `name` for one sample; see `Library`.
 
         Raises:
-            UsageError: the function does not exist; in a call, an input has a wrong shape.
+            UsageError: the function does not exist, or `out` cannot take the outputs.
         """
-        card, spec = self.card, find_spec(self.card, name)
+        spec = find_spec(self.card, name)
+        kept = None if out is None else check_outputs(self.card, spec, None, out)
+        ask = self._bind_slowly(spec)
+        is_double = self._dtype is np.float64
+        quick = find_python_call(self._shared, self._prefix, spec, ask, kept) if is_double else None
+        return quick or keep_outputs(ask, kept)
+
+    def _bind_slowly(self, spec: FunctionSpec) -> Call:
+        """Return a function through ctypes, which takes all that can be converted."""
+        card = self.card
         inputs = tuple(np.zeros(port.shape, dtype=self._dtype) for port in spec.inputs)
         outputs = tuple(allocate(port, None, self._dtype) for port in spec.outputs)
-        call = self._find_symbol(name)
+        call = self._find_symbol(spec.name)
         pointers = tuple(ctypes.c_void_p(array.ctypes.data) for array in (*inputs, *outputs))
         shapes, double = tuple(port.shape for port in spec.inputs), np.dtype(np.float64)
 
@@ -135,17 +162,35 @@ class CompiledLibrary:
             return True
 
         def evaluate_one(*values: FloatArray) -> tuple[FloatArray, ...]:
-            given = values
             # The usual case is told in a few comparisons; anything else is converted or refused.
             given = values if is_usual(values) else check_sample(card, spec, values)
             for buffer, value in zip(inputs, given, strict=True):
                 buffer[...] = value
             status = call(*pointers)
             if status:
-                raise _fail_call(name, status)
-            return outputs
+                raise _fail_call(spec.name, status)
+            return tuple(output.astype(np.float64) for output in outputs)
 
         return evaluate_one
+
+
+def _separate(arrays: tuple[FloatArray, ...], kept: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:
+    """Return `arrays`, copied where they share memory with what is about to be written."""
+    return tuple(
+        array.copy() if any(np.may_share_memory(array, output) for output in kept) else array
+        for array in arrays
+    )
+
+
+def _hand_over(
+    outputs: tuple[FloatArray, ...], kept: tuple[FloatArray, ...] | None
+) -> tuple[FloatArray, ...]:
+    if kept is None:
+        return tuple(np.asarray(output, dtype=np.float64) for output in outputs)
+    for target, output in zip(kept, outputs, strict=True):
+        if target is not output:
+            target[...] = output
+    return kept
 
 
 def _fail_call(name: str, status: int) -> GenerationError:
@@ -153,7 +198,7 @@ def _fail_call(name: str, status: int) -> GenerationError:
     return GenerationError(Notice(code="codegen.call-failed", text=text))
 
 
-_CHUNK = 512
+_CHUNK = 1024
 
 
 @final
@@ -171,17 +216,22 @@ class PythonLibrary:
         result = getattr(self._module, name)(*inputs)
         return result if isinstance(result, tuple) else (result,)
 
-    def evaluate(self, name: str, *inputs: FloatArray) -> tuple[FloatArray, ...]:
+    def evaluate(
+        self, name: str, *inputs: FloatArray, out: Sequence[FloatArray] | None = None
+    ) -> tuple[FloatArray, ...]:
         """Return the outputs of function `name`; see `Library`.
 
         Raises:
-            UsageError: the function does not exist, or an input has a wrong shape or no real numbers.
+            UsageError: the function does not exist, an input has a wrong shape or no real numbers, or `out`
+                cannot take the outputs.
         """
         spec = find_spec(self.card, name)
         samples, arrays = check_inputs(self.card, spec, inputs)
+        kept = None if out is None else check_outputs(self.card, spec, samples, out)
+        arrays = _separate(arrays, kept or ())
         if samples is None:
-            return self._call(name, arrays)
-        outputs = tuple(allocate(port, samples, np.float64) for port in spec.outputs)
+            return _hand_over(self._call(name, arrays), kept)
+        outputs = kept or tuple(allocate(port, samples, np.float64) for port in spec.outputs)
         for start in range(0, samples, _CHUNK):
             piece = slice(start, start + _CHUNK)
             given = tuple(a if p.shared else a[piece] for p, a in zip(spec.inputs, arrays, strict=True))
@@ -189,14 +239,15 @@ class PythonLibrary:
                 output[piece] = values
         return outputs
 
-    def bind(self, name: str) -> Bound:
-        """Return function `name` for one sample.
+    def bind(self, name: str, *, out: Sequence[FloatArray] | None = None) -> Call:
+        """Return function `name` for one sample; see `Library`.
 
         Raises:
-            UsageError: the function does not exist; in a call, an input has a wrong shape.
+            UsageError: the function does not exist, or `out` cannot take the outputs.
         """
         card, spec = self.card, find_spec(self.card, name)
-        return lambda *values: self._call(name, check_sample(card, spec, values))
+        kept = None if out is None else check_outputs(card, spec, None, out)
+        return keep_outputs(lambda *values: self._call(name, check_sample(card, spec, values)), kept)
 
 
 def import_module(path: Path) -> ModuleType:

@@ -20,12 +20,13 @@ def find_build_digest(card: ModelCard, *, prefix: str, precision: str, files: Ma
         card: the model.
         prefix: of the names in the library.
         precision: "double" or "float".
-        files: digest by path; the header and the functions count. The file that holds this digest does not.
+        files: digest by path; headers and functions count. The file that holds this digest does not.
     """
     info = f"{prefix}_info.c"
     compiled = {
         path: digest
         for path, digest in files.items()
-        if path == f"{prefix}.h" or (path.startswith(f"{prefix}_") and path.endswith(".c") and path != info)
+        if path == f"{prefix}.h"
+        or (path.startswith(f"{prefix}_") and path.endswith((".c", ".h")) and path != info)
     }
     return find_signature(prefix, precision, write_model_card(card), compiled)

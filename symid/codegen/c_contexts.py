@@ -110,6 +110,7 @@ class FunctionContext:
     batch_definition: str
     null_test: str
     statements: tuple[str, ...]
+    lane_lines: tuple[str, ...]
     call: str
 
 
@@ -126,10 +127,11 @@ class InfoContext:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SelfTestArray:
-    """A table of numbers."""
+    """A table of numbers of type `kind`."""
 
+    kind: str
     name: str
-    size: str
+    size: int
     lines: tuple[str, ...]
 
 
@@ -138,13 +140,11 @@ class SelfTest:
     """The test of one function."""
 
     name: str
-    arrays: tuple[SelfTestArray, ...]
-    outputs: tuple[str, ...]
     call: str
-    batch_call: str
-    null_call: str
-    compare: tuple[str, ...]
-    batch_compare: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    input_count: int
+    output_count: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -157,8 +157,21 @@ class SelfTestContext:
     tolerance: str
     negligible: str
     floor: str
+    per_unit: str
+    untouched: str
     state_count: int
+    whole: int
+    samples: int
+    fence: int
+    sum_count: int
+    moduli: str
+    steps: str
+    weights: str
+    port_room: int
+    input_room: int
+    output_room: int
     test_count: int
+    arrays: tuple[SelfTestArray, ...]
     tests: tuple[SelfTest, ...]
     state_lines: tuple[str, ...]
     state_tests: tuple[str, ...]
@@ -171,11 +184,12 @@ class ControlLoopContext:
     banner: str
     prefix: str
     real: str
-    scan: str
     joint_count: int
-    parameter_count: int
-    known: int
+    usage_lines: tuple[str, ...]
     parameter_lines: tuple[str, ...]
+    reading_lines: tuple[str, ...]
+    arguments: str
+    beta: str
     kp: str
     kd: str
     period: str
@@ -198,15 +212,13 @@ class ElasticLoopContext:
     prefix: str
     macro: str
     real: str
-    scan: str
     joint_count: int
-    parameter_count: int
-    known: int
+    usage_lines: tuple[str, ...]
     parameter_lines: tuple[str, ...]
-    rotor_start: int
-    friction_pointer: tuple[str, ...]
-    spring_start: int
-    friction_argument: str
+    reading_lines: tuple[str, ...]
+    arguments: str
+    beta: str
+    constants: str
     plant_friction: tuple[str, ...]
     kp: str
     kd: str

@@ -12,7 +12,7 @@ import re
 
 from symid import __version__
 from symid.codegen.build_digest import find_build_digest
-from symid.codegen.c_checks import build_self_test
+from symid.codegen.c_checks import TOLERANCES, build_self_test
 from symid.codegen.c_contexts import (
     CMakeContext,
     FunctionContext,
@@ -31,15 +31,17 @@ from symid.codegen.describe import BANNER, Material, prepare_material, write_man
 from symid.codegen.friction_c import generate_friction_laws
 from symid.codegen.functions import FunctionSpec, Port
 from symid.codegen.instructions import Operations, Program
+from symid.codegen.lanes import write_lanes
 from symid.codegen.options import GenerateOptions
-from symid.codegen.printing import print_c
+from symid.codegen.printing_c import print_c, print_lanes
 from symid.codegen.templates import write_template
 from symid.codegen.writer import SourceSet, find_digest
 from symid.joint.friction_laws import FRICTION_LAWS
 
-__all__ = ["TOLERANCES", "generate_c_library"]
+__all__ = ["generate_c_library"]
 
-TOLERANCES = {"double": "1e-10", "float": "1e-4"}
+_LANES = "_lanes.h"
+"""End of the name of the header that is not installed."""
 
 
 def _find_macro(material: Material) -> str:
@@ -108,23 +110,51 @@ def _write_header(material: Material) -> str:
     return write_template("c/header.h.jinja", context)
 
 
+def _find_includes(prefix: str, text: str) -> tuple[str, ...]:
+    lines: list[str] = []
+    if re.search(r"\b(find_sines|GATHER)\(", text):
+        lines.append(f'#include "{prefix}{_LANES}"')
+    if re.search(r"\b(sin|cos|tan|sqrt|exp|tanh|pow|fabs)f?\(", text):
+        lines += ["", "#include <math.h>"]
+    return tuple(lines)
+
+
+def _write_lane_loop(macro: str, statements: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the loop over blocks of samples; where some are left over, the last block begins before them."""
+    if not statements:
+        return ()
+    return (
+        f"#if {macro}_LANES > 1",
+        f"    if (n >= {macro}_LANES) {{",
+        f"        for (size_t first = 0; first < n; first += {macro}_LANES) {{",
+        f"            const size_t k = first <= n - {macro}_LANES ? first : n - {macro}_LANES;",
+        *(f"            {line}" for line in statements),
+        "        }",
+        f"        return {macro}_OK;",
+        "    }",
+        "#endif",
+    )
+
+
 def _write_function(material: Material, program: Program) -> str:
     real, spec = material.options.precision, program.spec
-    body = print_c(program, real)
+    own = material.options.trigonometry == "own"
+    body = print_c(program, real, together=own)
+    lanes = print_lanes(program, real) if own else ()
     ports = (*spec.inputs, *spec.outputs)
     helpers = tuple(write_helper(name, real) for name in body.helpers)
-    uses_math = re.search(r"\b(sin|cos|tan|sqrt|exp|tanh|pow|fabs)f?\(", "\n".join(body.statements))
     context = FunctionContext(
         banner=BANNER,
         prefix=material.prefix,
         macro=_find_macro(material),
         name=spec.name,
-        includes=("", "#include <math.h>") if uses_math else (),
+        includes=_find_includes(material.prefix, "\n".join((*body.statements, *lanes))),
         helpers=helpers,
         definition=_declare(spec, real, restrict=True),
         batch_definition=_declare_batch(spec, real, restrict=True),
         null_test=" || ".join(f"{port.name} == NULL" for port in ports),
         statements=body.statements,
+        lane_lines=_write_lane_loop(_find_macro(material), lanes),
         call=", ".join(port.name if port.shared else f"{port.name} + {port.size} * k" for port in ports),
     )
     return write_template("c/function.c.jinja", context)
@@ -138,6 +168,10 @@ def _write_sources(material: Material) -> list[tuple[str, str]]:
     laws = _write_friction_laws(material)
     functions += [(path, text) for path, text in laws if path.endswith(".c")]
     header = (f"{prefix}.h", _write_header(material))
+    wanted = any(f'"{prefix}{_LANES}"' in text for _, text in functions)
+    lanes = write_lanes(_find_macro(material), material.options.precision) if wanted else ""
+    headers = [(path, text) for path, text in laws if path.endswith(".h")]
+    headers += [(f"{prefix}{_LANES}", lanes)] if wanted else []
     info = InfoContext(
         banner=BANNER,
         prefix=prefix,
@@ -147,11 +181,10 @@ def _write_sources(material: Material) -> list[tuple[str, str]]:
             material.card,
             prefix=prefix,
             precision=material.options.precision,
-            files={path: find_digest(text.encode()) for path, text in (header, *functions)},
+            files={path: find_digest(text.encode()) for path, text in (header, *headers, *functions)},
         ),
     )
     # In the order in which an update moves them in: a folder that holds a new function holds the new digest.
-    headers = [(path, text) for path, text in laws if path.endswith(".h")]
     return [header, *headers, (f"{prefix}_info.c", write_template("c/info.c.jinja", info)), *functions]
 
 
@@ -167,7 +200,8 @@ def _write_build_files(
 ) -> list[tuple[str, str]]:
     prefix = material.prefix
     sources = tuple(path for path in written if path.endswith(".c"))
-    headers = " ".join(path for path in written if path.endswith(".h"))
+    headers = [path for path in written if path.endswith(".h")]
+    public = " ".join(path for path in headers if not path.endswith(_LANES))
     # CMake knows numbers alone: 1.2.3.dev4 is 1.2.3.
     numbers = re.match(r"\d+(\.\d+)*", __version__)
     version = numbers.group() if numbers else "0"
@@ -175,14 +209,14 @@ def _write_build_files(
         banner=BANNER,
         prefix=prefix,
         objects=" ".join(source.removesuffix(".c") + ".o" for source in sources),
-        headers=headers,
+        headers=" ".join(headers),
         example_target="".join(f" {program}" for program in programs[1:]),
     )
     cmake = CMakeContext(
         banner=BANNER,
         prefix=prefix,
         cmake_version=version,
-        headers=headers,
+        headers=public,
         sources=sources,
         programs=programs,
     )

@@ -8,9 +8,10 @@ Not supported: other elastic robots; their libraries come without an example.
 """
 
 from symid.codegen.c_contexts import ControlLoopContext, ElasticLoopContext
+from symid.codegen.c_parameters import build_example_parameters, list_arguments
 from symid.codegen.c_state import find_stop_count
-from symid.codegen.c_tables import write_lines
 from symid.codegen.describe import BANNER, Material
+from symid.codegen.functions import ModelCard, ParameterCard
 from symid.codegen.printing import find_literal
 from symid.codegen.templates import write_template
 
@@ -32,7 +33,8 @@ _NUMBERS = {
 def _write_friction(material: Material) -> tuple[tuple[str, ...], tuple[str, ...]]:
     if not material.card.friction:
         return (), ()
-    call = f"{material.prefix}_friction({{}}, parameters + {len(material.card.beta)}, friction)"
+    given = "f, " if "f" in list_arguments(material.card) else ""
+    call = f"{material.prefix}_friction({{}}, {given}friction)"
     start = f"{material.options.precision} friction[JOINTS];"
 
     def apply(velocity: str, target: str) -> tuple[str, ...]:
@@ -52,13 +54,34 @@ def write_control_loop(material: Material) -> str | None:
     return None if rigid is None else write_template("c/control_loop.c.jinja", rigid)
 
 
+def _list_vectors(card: ModelCard) -> dict[str, tuple[ParameterCard, ...]]:
+    """Return the parameters that the library's functions take, by their names in the program."""
+    vectors = (
+        ("beta", card.vector, card.beta),
+        ("rotor", "IA", card.rotors),
+        ("f", "f", card.friction),
+        ("h", "h", card.springs),
+    )
+    taken = list_arguments(card)
+    return {name: entries for name, port, entries in vectors if port in taken}
+
+
+def _write_rotors(card: ModelCard, real: str) -> tuple[str, ...]:
+    values = ", ".join(find_literal(rotor.value or 0.0, real) for rotor in card.rotors)
+    return (
+        "/* Rotor inertias: the motors' controllers want them too. */",
+        f"static const {real} rotor[JOINTS] = {{{values}}};",
+        "",
+    )
+
+
 def _build_rigid_loop(material: Material) -> ControlLoopContext | None:
     card, real = material.card, material.options.precision
     wanted = {"inverse_dynamics", "forward_dynamics", *(["friction"] if card.friction else [])}
     if not wanted <= {spec.name for spec in card.functions}:
         return None
-    values = [parameter.value for parameter in (*card.beta, *card.friction)]
-    known = all(value is not None for value in values)
+    vectors = {name: entries for name, entries in _list_vectors(card).items() if name in ("beta", "f")}
+    parameters = build_example_parameters(material, vectors)
     suffix = "f" if real == "float" else ""
     arrays = ("q", "dq", "qd", "dqd", "ddqd")
     feed_forward, plant_friction = _write_friction(material)
@@ -66,11 +89,12 @@ def _build_rigid_loop(material: Material) -> ControlLoopContext | None:
         banner=BANNER,
         prefix=material.prefix,
         real=real,
-        scan="%f" if real == "float" else "%lf",
         joint_count=card.size,
-        parameter_count=max(len(values), 1),
-        known=int(known),
-        parameter_lines=write_lines([value or 0.0 for value in values] if known else [0.0], real),
+        usage_lines=parameters.usage_lines,
+        parameter_lines=parameters.lines,
+        reading_lines=parameters.reading_lines,
+        arguments=parameters.arguments,
+        beta="beta, " if "beta" in vectors else "",
         kp=f"400.0{suffix}",
         kd=f"40.0{suffix}",
         period=f"0.001{suffix}",
@@ -93,29 +117,25 @@ def _build_elastic_loop(material: Material) -> ElasticLoopContext | None:
     wanted = {"elastic_inverse_dynamics", "forward_dynamics", *(["friction"] if card.friction else [])}
     if not wanted <= {spec.name for spec in card.functions} or not find_stop_count(material):
         return None
-    vectors = (card.beta, card.rotors, card.friction, card.springs)
-    starts = [sum(map(len, vectors[:k])) for k in range(4)]
-    values = [parameter.value for vector in vectors for parameter in vector]
-    known = all(value is not None for value in values)
+    vectors = _list_vectors(card)
+    parameters = build_example_parameters(material, vectors)
+    rotors = () if "rotor" in vectors else _write_rotors(card, real)
     suffix = "f" if real == "float" else ""
     numbers = {name: find_literal(value, real) for name, value in _NUMBERS.items()}
-    felt = f"status += {material.prefix}_friction(robot->dtheta, f, friction);"
+    given = "f, " if "f" in vectors else ""
+    felt = f"status += {material.prefix}_friction(robot->dtheta, {given}friction);"
     return ElasticLoopContext(
         banner=BANNER,
         prefix=material.prefix,
         macro=material.prefix.upper(),
         real=real,
-        scan="%f" if real == "float" else "%lf",
         joint_count=card.size,
-        parameter_count=len(values),
-        known=int(known),
-        parameter_lines=write_lines([value or 0.0 for value in values] if known else [0.0], real),
-        rotor_start=starts[1],
-        friction_pointer=(
-            (f"static const {real} *const f = parameters + {starts[2]};",) if card.friction else ()
-        ),
-        spring_start=starts[3],
-        friction_argument="f, " if card.friction else "",
+        usage_lines=parameters.usage_lines,
+        parameter_lines=(*parameters.lines, *rotors),
+        reading_lines=parameters.reading_lines,
+        arguments=parameters.arguments,
+        beta="beta, " if "beta" in vectors else "",
+        constants="".join(f"{name}, " for name in vectors if name != "h"),
         plant_friction=(felt,) if card.friction else (),
         zero=f"{{{find_literal(0.0, real)}}}",
         sine=f"sin{suffix}",

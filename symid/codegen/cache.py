@@ -4,15 +4,17 @@ Input: a robot. Output: `Library`, from the cache or made now.
 
 The signature covers what of the robot its functions depend on (not limits, motors, logs, prose), the
 versions of symid, CasADi and SymPy, the bytes of the templates and of the modules that derive and
-print, the compiler and its flags, the machine. An entry is a folder that appears by one rename; it is
-used only if every file in it still has the digest noted when it was made.
+print, the compiler and its flags, the machine with its processor, for which code is made. An entry is a
+folder that appears by one rename; it is used only if every file in it still has the digest noted when it was
+made, nobody but the user owns or may write it, and it loads. Else it is made again, and a notice says why.
 
-Supported: several processes at once; machines without a compiler, which get the NumPy module.
+Supported: several processes at once; machines without a compiler, which get the NumPy module; one cache
+for machines of many kinds.
 Not supported: removal of old entries; the folder may be deleted at any time.
 """
 
-import contextlib
 import json
+import os
 import platform
 import secrets
 import shutil
@@ -23,13 +25,23 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from symid import __version__
-from symid.codegen.cache_folder import find_cache_folder, find_user_folder, make_temporary_folder
+from symid.codegen.cache_folder import (
+    clear_away,
+    clear_remains,
+    close_entry,
+    close_folder,
+    find_cache_folder,
+    find_distrust,
+    find_user_folder,
+    make_cache_folder,
+    make_temporary_folder,
+)
 from symid.codegen.compiler import CANDIDATES, Compiler, compile_sources, find_compiler, find_fault
-from symid.codegen.library import Library, load_library
+from symid.codegen.library import Library, Loaded, load_library
 from symid.codegen.names import find_prefix
 from symid.codegen.templates import find_template_bytes
 from symid.codegen.writer import MANIFEST, find_digest, write_sources
-from symid.errors import GenerationError, Notice, OutputError
+from symid.errors import GenerationError, Notice, OutputError, UsageError
 from symid.provenance import find_signature
 from symid.robot.description import Joint, Limits, Robot
 from symid.robot.log_map import LogMap, Processing
@@ -50,6 +62,10 @@ class _Order:
     names: tuple[str, ...] | None
     compiler: Compiler | None
     progress: Callable[[str], None]
+
+
+# A library, and what a user should know of how it was come by.
+_Obtained = tuple[Loaded, tuple[Notice, ...]]
 
 
 def _find_version(package: str) -> str:
@@ -89,7 +105,11 @@ def find_library_key(robot: Robot, names: tuple[str, ...] | None, compiler: Comp
     """Return the signature of all that a library is made from."""
     tools = (__version__, _find_version("casadi"), _find_version("sympy"), _find_version("mpmath"))
     built_by = compiler or f"python {sys.version_info.major}.{sys.version_info.minor}"
-    machine = (platform.system(), platform.machine())
+    # A library that was linked with a newer C library may not load with an older one.
+    runtime = (
+        os.confstr("CS_GNU_LIBC_VERSION") if "CS_GNU_LIBC_VERSION" in getattr(os, "confstr_names", ()) else ""
+    )
+    machine = (platform.system(), platform.machine(), runtime)
     templates = find_template_bytes("c", "python")
     return find_signature(_keep_model(robot), names, tools, machine, templates, _find_code_bytes(), built_by)
 
@@ -102,6 +122,8 @@ def _read_digests(folder: Path) -> dict[str, str]:
 def _find_damage(entry: Path, key: str) -> str:
     """Return what is wrong with `entry`, or nothing."""
     try:
+        if distrust := find_distrust(entry):
+            return distrust
         seal: Mapping[str, object] = json.loads((entry / _SEAL).read_text(encoding="utf-8"))
         found = _read_digests(entry)
     except (OSError, ValueError) as error:
@@ -119,6 +141,7 @@ def _make_entry(order: _Order, folder: Path, key: str) -> None:
     # Imported here: a library that is found needs neither CasADi nor SymPy.
     from symid.codegen.c_library import generate_c_library
     from symid.codegen.casadi_functions import build_functions
+    from symid.codegen.python_call_source import write_python_call
     from symid.codegen.python_module import generate_python_module
 
     order.progress(f"deriving the dynamics of {order.robot.name}")
@@ -128,21 +151,16 @@ def _make_entry(order: _Order, folder: Path, key: str) -> None:
         write_sources(generate_python_module(functions), folder)
     else:
         order.progress("writing C")
+        prefix = find_prefix(order.robot.name)
         paths = write_sources(generate_c_library(functions), folder)
-        prefix = next(path.stem for path in paths if path.suffix == ".h")
         sources = [path for path in paths if path.suffix == ".c" and path.name.startswith(f"{prefix}_")]
+        sources.append(folder / "python_call.c")
+        sources[-1].write_text(write_python_call(functions.card, prefix), encoding="utf-8")
         order.progress(f"compiling with {order.compiler.path}")
         compile_sources(order.compiler, sources, folder / f"lib{prefix}.so")
     seal = {"key": key, "files": _read_digests(folder)}
     (folder / _SEAL).write_text(json.dumps(seal, indent=1, sort_keys=True) + "\n", encoding="utf-8")
-
-
-def _discard(entry: Path) -> None:
-    """Move a damaged entry out of the way, then remove it: nobody sees half of it."""
-    aside = entry.parent / f".old-{secrets.token_hex(6)}"
-    with contextlib.suppress(FileNotFoundError):
-        entry.rename(aside)
-        shutil.rmtree(aside, ignore_errors=True)
+    close_entry(folder)
 
 
 def _store_entry(order: _Order, entry: Path, key: str) -> None:
@@ -159,58 +177,75 @@ def _store_entry(order: _Order, entry: Path, key: str) -> None:
         shutil.rmtree(staging, ignore_errors=True)
 
 
-def _obtain_entry(order: _Order, folder: Path, key: str) -> tuple[Path, str]:
-    """Return the entry in `folder`, made if it has to be, and what was wrong with the one before."""
-    entry = folder / f"{find_prefix(order.robot.name)}-{key[:24]}"
-    damage = ""
+def _make_library(order: _Order, entry: Path, key: str, tries: int = 3) -> Loaded:
+    clear_away(entry)
+    clear_remains(entry.parent)
+    _store_entry(order, entry, key)
     try:
-        if not entry.is_dir() or (damage := _find_damage(entry, key)):
-            folder.mkdir(parents=True, exist_ok=True)
-            _discard(entry)
-            _store_entry(order, entry, key)
+        return load_library(entry)
+    except (GenerationError, UsageError):
+        # Another process that had found the damage too may just have cleared this entry away.
+        if tries <= 1 or entry.is_dir():
+            raise
+    return _make_library(order, entry, key, tries - 1)
+
+
+def _obtain_library(order: _Order, entry: Path, key: str) -> tuple[Loaded, str]:
+    """Return the library in `entry`, made if it has to be, and what was wrong with the one before."""
+    damage = ""
+    if os.path.lexists(entry) and not (damage := _find_damage(entry, key)):
+        try:
+            return load_library(entry), ""
+        except (GenerationError, UsageError) as error:
+            # It is as its seal says; but whoever can write an entry can write its seal.
+            damage = str(error)
+    return _make_library(order, entry, key), damage
+
+
+def _obtain_entry(order: _Order, folder: Path, key: str) -> _Obtained:
+    entry = folder / f"{find_prefix(order.robot.name)}-{key[:24]}"
+    try:
+        make_cache_folder(folder)
+        library, damage = _obtain_library(order, entry, key)
     except OSError as error:
         text = f"the cache folder cannot be written: {error.strerror or error}"
         raise OutputError(Notice(code="output.cache", text=text, file=str(folder))) from error
-    return entry, damage
+    if not damage:
+        return library, ()
+    text = f"the cached library was not used and made again: {damage}"
+    return library, (Notice(code="codegen.cache-rebuilt", text=text, file=str(entry)),)
 
 
-def _obtain_temporary(order: _Order, key: str, reason: str) -> tuple[Path, str, Notice]:
+def _obtain_temporary(order: _Order, key: str, reason: str) -> _Obtained:
     try:
         folder = make_temporary_folder()
     except OSError as error:
         text = f"{reason}; nor is there a place for temporary files: {error.strerror or error}"
         raise OutputError(Notice(code="output.cache", text=text)) from error
-    entry, damage = _obtain_entry(order, folder, key)
+    library, notices = _obtain_entry(order, folder, key)
     text = f"{reason}; libraries are kept in this temporary folder; set XDG_CACHE_HOME to a folder of yours"
-    return entry, damage, Notice(code="codegen.cache-temporary", text=text, file=str(folder))
+    return library, (Notice(code="codegen.cache-temporary", text=text, file=str(folder)), *notices)
 
 
-def _obtain(order: _Order, key: str) -> tuple[Path, str, tuple[Notice, ...]]:
-    """Return the entry in the user's cache; in a temporary folder, with a notice, where that cannot be."""
+def _obtain(order: _Order, key: str) -> _Obtained:
+    """Return the library from the cache of the user; with a notice from a temporary one, if need be."""
     folder = find_user_folder()
     if folder is None:
         reason = "there is no home folder to keep compiled libraries in"
     else:
+        # It is symid's own, but the umask of many users lets their group write to what they make.
+        close_folder(folder)
         try:
-            return (*_obtain_entry(order, folder, key), ())
+            return _obtain_entry(order, folder, key)
         except OutputError as error:
             reason = str(error)
-    entry, damage, notice = _obtain_temporary(order, key, reason)
-    return entry, damage, (notice,)
+    return _obtain_temporary(order, key, reason)
 
 
-def _find_notices(
-    damage: str, entry: Path, found: Compiler | None, wanted: str | None, *, told: bool
-) -> tuple[Notice, ...]:
-    notices = []
-    if damage:
-        text = f"the cached library was not used and made again: {damage}"
-        notices.append(Notice(code="codegen.cache-rebuilt", text=text, file=str(entry)))
-    if found is None and not told:
-        names = f"the C compiler {wanted!r}" if wanted else f"a C compiler ({', '.join(CANDIDATES)})"
-        text = f"{names} was not found; the NumPy module is used, which is slower"
-        notices.append(Notice(code="codegen.no-compiler", text=text))
-    return tuple(notices)
+def _find_missing(wanted: str | None) -> Notice:
+    names = f"the C compiler {wanted!r}" if wanted else f"a C compiler ({', '.join(CANDIDATES)})"
+    text = f"{names} was not found; the NumPy module is used, which is slower"
+    return Notice(code="codegen.no-compiler", text=text)
 
 
 def prepare_library(
@@ -236,22 +271,24 @@ def prepare_library(
         GenerationError: the compiler fails on generated code.
         OutputError: the folder `cache`, or the temporary one, cannot be written.
     """
-    found = find_compiler(compiler)
+    found = find_compiler(compiler, native=True)
     order = _Order(robot=robot, names=names, compiler=found, progress=progress or (lambda _: None))
+    if found is None:
+        return _load(order, cache, _find_missing(compiler))
     try:
-        return _load(order, cache, compiler, ())
+        return _load(order, cache)
     except GenerationError:
-        fault = find_fault(found) if found else ""
+        fault = find_fault(found)
         if not fault:
             raise
     # Not the generated code is at fault but the compiler, for example one without the C library's headers.
     text = f"the C compiler cannot be used: {fault}; the NumPy module is used, which is slower"
     notice = Notice(code="codegen.compiler-unusable", text=text)
-    return _load(replace(order, compiler=None), cache, compiler, (notice,))
+    return _load(replace(order, compiler=None), cache, notice)
 
 
-def _load(order: _Order, cache: Path | None, wanted: str | None, notices: tuple[Notice, ...]) -> Library:
+def _load(order: _Order, cache: Path | None, *notices: Notice) -> Library:
     key = find_library_key(order.robot, order.names, order.compiler)
-    entry, damage, more = _obtain(order, key) if cache is None else (*_obtain_entry(order, cache, key), ())
-    missing = _find_notices(damage, entry, order.compiler, wanted, told=bool(notices))
-    return load_library(entry, notices=(*notices, *more, *missing))
+    library, more = _obtain(order, key) if cache is None else _obtain_entry(order, cache, key)
+    library.notices = (*more, *notices)
+    return library

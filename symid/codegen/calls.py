@@ -6,7 +6,9 @@ Supported: anything that NumPy reads as real numbers, one sample or a batch.
 Not supported: complex numbers, text, rows of unequal length, arrays of objects.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from itertools import combinations
+from typing import cast
 
 import numpy as np
 
@@ -14,9 +16,11 @@ from symid.arrays import FloatArray
 from symid.codegen.functions import FunctionSpec, ModelCard, Port
 from symid.errors import Notice, UsageError
 
-__all__ = ["allocate", "check_inputs", "check_sample", "find_spec"]
+__all__ = ["Call", "allocate", "check_inputs", "check_outputs", "check_sample", "find_spec", "keep_outputs"]
 
 REAL = "biuf"
+
+Call = Callable[..., tuple[FloatArray, ...]]
 
 
 def find_spec(card: ModelCard, name: str) -> FunctionSpec:
@@ -94,8 +98,62 @@ def check_sample(card: ModelCard, spec: FunctionSpec, inputs: Sequence[object]) 
     return arrays
 
 
+def _find_refusal(array: object, shape: tuple[int, ...]) -> str:
+    """Return why `array` cannot take an output, or nothing."""
+    if not isinstance(array, np.ndarray):
+        return f"got a {type(array).__name__}"
+    if array.dtype != np.float64 or not array.dtype.isnative:
+        return f"got an array of {array.dtype.str}"
+    if array.shape != shape:
+        return f"got the shape {array.shape}"
+    flags = array.flags
+    if not (flags.c_contiguous and flags.aligned and flags.writeable):
+        return "got one that cannot be written in place, row after row"
+    return ""
+
+
+def check_outputs(
+    card: ModelCard, spec: FunctionSpec, samples: int | None, out: object
+) -> tuple[FloatArray, ...]:
+    """Return the arrays of a caller that outputs are written to, one for each output.
+
+    Raises:
+        UsageError: their number is wrong, one cannot take its output, or two share memory.
+    """
+    names = ", ".join(port.name for port in spec.outputs)
+    if not isinstance(out, tuple | list) or len(out) != len(spec.outputs):
+        got = f"{len(out)} of them" if isinstance(out, tuple | list) else f"a {type(out).__name__}"
+        raise _fail(card, spec, f"out: expected a tuple of arrays for the outputs {names}, got {got}")
+    arrays: list[FloatArray] = []
+    for port, array in zip(spec.outputs, out, strict=True):
+        shape = port.shape if samples is None else (samples, *port.shape)
+        if refusal := _find_refusal(array, shape):
+            text = f"out, for {port.name!r}: expected an array of float64 of the shape {shape}, {refusal}"
+            raise _fail(card, spec, text)
+        arrays.append(cast("FloatArray", array))
+    pairs = combinations(zip(spec.outputs, arrays, strict=True), 2)
+    for (one, first), (other, second) in pairs:
+        if np.may_share_memory(first, second):
+            text = f"out: the arrays for {one.name!r} and {other.name!r} share memory; give separate ones"
+            raise _fail(card, spec, text)
+    return tuple(arrays)
+
+
 def allocate(port: Port, samples: int | None, dtype: type[np.floating]) -> FloatArray:
     """Return an array for an output, its values not set."""
     shape = port.shape if samples is None else (samples, *port.shape)
     array: FloatArray = np.empty(shape, dtype=dtype)
     return array
+
+
+def keep_outputs(call: Call, kept: tuple[FloatArray, ...] | None) -> Call:
+    """Return `call`, its outputs written to the arrays `kept` if there are any."""
+    if kept is None:
+        return call
+
+    def call_and_keep(*values: FloatArray) -> tuple[FloatArray, ...]:
+        for target, output in zip(kept, call(*values), strict=True):
+            target[...] = output
+        return kept
+
+    return call_and_keep

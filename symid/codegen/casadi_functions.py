@@ -10,11 +10,12 @@ Supported: rigid robots, symbolic lengths with a value.
 Not supported: symbolic lengths without a value (RobotError).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 
 from symid.codegen.catalogue import find_robot_specs
+from symid.codegen.constants import drop_constants, find_constants
 from symid.codegen.functions import ModelCard
 from symid.codegen.instructions import Program
 from symid.codegen.model_card import build_model_card
@@ -32,16 +33,18 @@ __all__ = ["Functions", "build_functions"]
 class Functions:
     """A model card, and in its order the chosen programs and the SX functions built from them.
 
-    Code is printed from the programs; what CasADi makes of them on the way is for its users.
+    Code is printed from the programs; what CasADi makes of them on the way is for its users. `constant` says
+    whether the values of the robot file are part of the functions.
     """
 
     card: ModelCard
     programs: tuple[Program, ...]
     functions: tuple[ca.Function, ...]
+    constant: bool = False
 
 
 def build_functions(
-    robot: Robot, *, names: tuple[str, ...] | None = None, standard: bool = False
+    robot: Robot, *, names: tuple[str, ...] | None = None, standard: bool = False, constant: bool = False
 ) -> Functions:
     """Return the functions of the catalogue, or those called `names`, in the catalogue's order.
 
@@ -49,10 +52,11 @@ def build_functions(
         robot: the robot.
         names: of the functions wanted, None for all.
         standard: whether functions take the standard parameters pi in place of beta.
+        constant: whether functions hold the values of the robot file, and take no parameters.
 
     Raises:
         RobotError: a symbolic length has no value.
-        UsageError: a name is not in the catalogue.
+        UsageError: a name is not in the catalogue, or the robot file lacks a value that shall be constant.
     """
     check_symbols(robot)
     base = build_standard_parameters(robot) if standard else find_base_parameters(robot)
@@ -63,9 +67,13 @@ def build_functions(
             text = f"function '{name}' is not in the catalogue; there are {', '.join(known)}"
             raise UsageError(Notice(code="usage.unknown-function", text=text))
     specs = tuple(spec for spec in catalogue if names is None or spec.name in names)
-    programs = tuple(choose_route(robot, base, spec).program for spec in specs)
+    card = build_model_card(robot, base, specs)
+    constants = find_constants(card) if constant else {}
+    specs = tuple(drop_constants(spec, constants) for spec in specs)
+    programs = tuple(choose_route(robot, base, spec, constants).program for spec in specs)
     return Functions(
-        card=build_model_card(robot, base, specs),
+        card=replace(card, functions=specs),
         programs=programs,
         functions=tuple(map(build_function, programs)),
+        constant=constant,
     )

@@ -19,7 +19,8 @@ from symid.codegen.describe import BANNER
 from symid.codegen.functions import FunctionSpec, Port
 from symid.codegen.instructions import Program
 from symid.codegen.names import clean_text
-from symid.codegen.printing import Body, print_c
+from symid.codegen.printing import Body
+from symid.codegen.printing_c import print_c
 from symid.codegen.templates import write_template
 from symid.codegen.value_algebra import ValueAlgebra
 from symid.codegen.values import ValueTable

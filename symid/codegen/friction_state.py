@@ -15,7 +15,8 @@ from symid.codegen.c_helpers import write_helper
 from symid.codegen.functions import FunctionSpec, Port
 from symid.codegen.instructions import Program
 from symid.codegen.names import clean_text
-from symid.codegen.printing import find_literal, print_c
+from symid.codegen.printing import find_literal
+from symid.codegen.printing_c import print_c
 from symid.codegen.templates import write_template
 from symid.codegen.value_algebra import ValueAlgebra
 from symid.codegen.values import ValueTable

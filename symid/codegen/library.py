@@ -7,18 +7,21 @@ Not supported: shared libraries of another machine, or built from other sources 
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
 
 from symid.arrays import FloatArray
-from symid.codegen.backends import Bound, CompiledLibrary, PythonLibrary, import_module
+from symid.codegen.backends import CompiledLibrary, PythonLibrary, import_module
 from symid.codegen.build_digest import find_build_digest
+from symid.codegen.calls import Call
 from symid.codegen.functions import ModelCard, read_model_card
 from symid.codegen.writer import find_listed, read_manifest
 from symid.errors import Notice, UsageError
 
-__all__ = ["Library", "load_library"]
+__all__ = ["Library", "Loaded", "load_library"]
+
+Loaded = CompiledLibrary | PythonLibrary
 
 
 class Library(Protocol):
@@ -39,26 +42,41 @@ class Library(Protocol):
         """Return what a user should know, for example that there was no compiler."""
         ...
 
-    def evaluate(self, name: str, *inputs: FloatArray) -> tuple[FloatArray, ...]:
+    def evaluate(
+        self, name: str, *inputs: FloatArray, out: Sequence[FloatArray] | None = None
+    ) -> tuple[FloatArray, ...]:
         """Return the outputs of function `name`.
+
+        Contiguous arrays of float64 are read where they are. The system hands out new arrays of many
+        megabytes page by page, which can cost as much as the computation: in a loop over such batches,
+        give the arrays of one pass as `out` to the next.
 
         Args:
             name: of a function in the card.
             inputs: (N, *shape) each, or all of one sample's shape; shared vectors (size,).
+            out: a tuple of arrays to write the outputs to and return, contiguous, float64, of the outputs'
+                shapes, without memory in common; None for new ones. An input that shares memory with
+                them is copied first.
 
         Raises:
-            UsageError: the function does not exist, or an input has a wrong shape or no real numbers.
+            UsageError: the function does not exist, an input has a wrong shape or no real numbers, or `out`
+                cannot take the outputs.
         """
         ...
 
-    def bind(self, name: str) -> Bound:
+    def bind(self, name: str, *, out: Sequence[FloatArray] | None = None) -> Call:
         """Return function `name` for one sample at a time, with little overhead.
 
-        The arrays that it returns may be overwritten by its next call. A call refuses with
-        UsageError what is not one sample of real numbers.
+        A call refuses with UsageError what is not one sample of real numbers. One bound function
+        belongs to one thread; bind another for another thread.
+
+        Args:
+            name: of a function in the card.
+            out: as for `evaluate`, of one sample's shapes: every call overwrites and returns these arrays.
+                None for new ones in each call.
 
         Raises:
-            UsageError: the function does not exist.
+            UsageError: the function does not exist, or `out` cannot take the outputs.
         """
         ...
 
@@ -71,7 +89,7 @@ def _find_text(manifest: Mapping[str, object], key: str, folder: Path) -> str:
     return value
 
 
-def load_library(folder: Path, *, notices: tuple[Notice, ...] = ()) -> Library:
+def load_library(folder: Path, *, notices: tuple[Notice, ...] = ()) -> Loaded:
     """Return the library in a folder that symid generated; C needs `make shared` first.
 
     Raises:

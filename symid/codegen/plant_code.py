@@ -10,6 +10,7 @@ Not supported: machines without a compiler (`simulation/elastic_numpy` is for th
 """
 
 import ctypes
+import os
 import platform
 import shutil
 import tempfile
@@ -21,7 +22,13 @@ import numpy as np
 
 from symid.arrays import FloatArray
 from symid.codegen.backends import CompiledLibrary
-from symid.codegen.cache_folder import find_user_folder, make_temporary_folder
+from symid.codegen.cache_folder import (
+    clear_away,
+    find_user_folder,
+    find_weakness,
+    make_cache_folder,
+    make_temporary_folder,
+)
 from symid.codegen.compiler import Compiler, compile_sources, find_compiler
 from symid.codegen.library import Library
 from symid.codegen.plant_orders import PlantLog, PlantOrder, PlantRobot
@@ -138,7 +145,7 @@ def _open_copy(path: Path, key: str) -> ctypes.CDLL | None:
 def _build(compiler: Compiler, source: Path, path: Path, key: str) -> None:
     """Compile the plant to `path`, which appears by one rename."""
     marked = replace(compiler, flags=(*compiler.flags, f'-DSYMID_PLANT_KEY="{key}"'))
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_cache_folder(path.parent)
     with tempfile.TemporaryDirectory(dir=path.parent, prefix=".plant-") as scratch:
         made = compile_sources(marked, [source], Path(scratch) / path.name)
         shutil.move(made, path)
@@ -146,9 +153,13 @@ def _build(compiler: Compiler, source: Path, path: Path, key: str) -> None:
 
 def _obtain(compiler: Compiler, source: Path, folder: Path, key: str) -> ctypes.CDLL:
     path = folder / f"plant-{key[:24]}.so"
-    shared = _open(path, key)
+    # What somebody else may have written is not loaded.
+    trusted = not (os.path.lexists(path) and find_weakness(path))
+    shared = _open(path, key) if trusted else None
     if shared is None:
         try:
+            if not trusted:
+                clear_away(path)
             _build(compiler, source, path, key)
         except OSError as error:
             text = f"the cache folder cannot be written: {error.strerror or error}"

@@ -1,9 +1,9 @@
-"""Programs as text: one statement an instruction, in C and in NumPy.
+"""Programs as text: what all languages share, and NumPy; see `printing_c` for C.
 
 Input: `Program`. Output: statements and the names of the helpers they need.
 
-Supported: double and float C99; NumPy over whole batches, with names used again as soon as
-their value is no longer needed, so that a batch holds no more arrays than it must.
+Supported: NumPy over whole batches, with names used again as soon as their value is no longer needed, so
+that a batch holds no more arrays than it must.
 """
 
 import heapq
@@ -15,22 +15,12 @@ import numpy as np
 from symid.codegen.functions import Port
 from symid.codegen.instructions import Instruction, Op, Program
 
-__all__ = ["Body", "find_literal", "print_c", "print_python"]
+__all__ = ["INFIX", "Body", "find_helpers", "find_literal", "print_python", "write_instruction"]
 
-_INFIX = {Op.ADD: "+", Op.SUB: "-", Op.MUL: "*", Op.DIV: "/"}
+INFIX = {Op.ADD: "+", Op.SUB: "-", Op.MUL: "*", Op.DIV: "/"}
 _HELPERS = (Op.SIGN, Op.LESS, Op.LESS_EQUAL, Op.IS_ZERO, Op.SELECT, Op.MAXIMUM, Op.MINIMUM)
 # NumPy's own let a NaN through.
 _IN_NUMPY = (Op.MAXIMUM, Op.MINIMUM)
-_C_FUNCTIONS = {
-    Op.SIN: "sin",
-    Op.COS: "cos",
-    Op.TAN: "tan",
-    Op.SQRT: "sqrt",
-    Op.EXP: "exp",
-    Op.TANH: "tanh",
-    Op.POWER: "pow",
-    Op.ABS: "fabs",
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,42 +40,18 @@ def find_literal(value: float, precision: str = "double") -> str:
     return repr(float(value))
 
 
-def _find_helpers(program: Program) -> tuple[str, ...]:
+def find_helpers(program: Program) -> tuple[str, ...]:
+    """Return the names of the helpers that a program calls, sorted."""
     used = {instruction.op for instruction in program.instructions}
     return tuple(sorted(op.value for op in _HELPERS if op in used))
 
 
-def _write(instruction: Instruction, read: Callable[[int], str], call: Callable[[Op], str]) -> str:
-    if instruction.op in _INFIX:
+def write_instruction(instruction: Instruction, read: Callable[[int], str], call: Callable[[Op], str]) -> str:
+    """Return the value of an instruction as text; `read` names operands, `call` functions."""
+    if instruction.op in INFIX:
         left, right = map(read, instruction.args)
-        return f"{left} {_INFIX[instruction.op]} {right}"
+        return f"{left} {INFIX[instruction.op]} {right}"
     return f"{call(instruction.op)}({', '.join(map(read, instruction.args))})"
-
-
-def print_c(program: Program, precision: str) -> Body:
-    """Return the body of a C function; inputs and outputs are arrays with the ports' names."""
-    single = precision == "float"
-    names = [""]
-    statements = []
-
-    def read(ref: int) -> str:
-        return names[ref] if ref > 0 else f"-{names[-ref]}"
-
-    def call(op: Op) -> str:
-        return _C_FUNCTIONS[op] + ("f" if single else "") if op in _C_FUNCTIONS else op.value
-
-    for number, instruction in enumerate(program.instructions, start=1):
-        if instruction.op is Op.INPUT:
-            port, element = instruction.args
-            names.append(f"{program.spec.inputs[port].name}[{element}]")
-        elif instruction.op is Op.CONSTANT:
-            names.append(find_literal(instruction.constant, precision))
-        else:
-            statements.append(f"const {precision} t{number} = {_write(instruction, read, call)};")
-            names.append(f"t{number}")
-    for port_out, refs in zip(program.spec.outputs, program.outputs, strict=True):
-        statements += [f"{port_out.name}[{i}] = {read(ref)};" for i, ref in enumerate(refs)]
-    return Body(statements=tuple(statements), helpers=_find_helpers(program))
 
 
 def _index(port: Port, element: int) -> str:
@@ -132,7 +98,7 @@ def print_python(program: Program) -> Body:
             port = program.spec.inputs[source]
             text = f"{port.name}[{_index(port, element)}]"
         else:
-            text = _write(instruction, read, call)
+            text = write_instruction(instruction, read, call)
             for number_read in sorted({abs(ref) for ref in instruction.args}):
                 if last[number_read] == number and number_read in registers:
                     heapq.heappush(free, registers.pop(number_read))
@@ -144,5 +110,10 @@ def print_python(program: Program) -> Body:
         names.append(f"t{register}")
         statements.append(f"t{register} = {text}")
     for port, refs in zip(program.spec.outputs, program.outputs, strict=True):
-        statements += [f"{port.name}[{_index(port, i)}] = {read(ref)}" for i, ref in enumerate(refs)]
-    return Body(statements=tuple(statements), helpers=_find_helpers(program))
+        # Outputs begin as zeros.
+        statements += [
+            f"{port.name}[{_index(port, i)}] = {read(ref)}"
+            for i, ref in enumerate(refs)
+            if names[abs(ref)] != "0.0"
+        ]
+    return Body(statements=tuple(statements), helpers=find_helpers(program))

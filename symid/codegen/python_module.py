@@ -14,13 +14,15 @@ from symid.codegen.functions import Port
 from symid.codegen.instructions import Operations, Program
 from symid.codegen.options import GenerateOptions
 from symid.codegen.printing import print_python
-from symid.codegen.reference import FLOOR, NEGLIGIBLE, Reference
+from symid.codegen.python_checks import ModuleState, ModuleTest, build_module_states, build_module_tests
+from symid.codegen.reference import WEIGHTS, WHOLE
+from symid.codegen.sample_states import PER_UNIT
 from symid.codegen.templates import write_template
 from symid.codegen.writer import SourceSet
 
-__all__ = ["ModuleContext", "ModuleFunction", "ModuleReadmeContext", "ModuleTest", "generate_python_module"]
+__all__ = ["ModuleContext", "ModuleFunction", "ModuleReadmeContext", "generate_python_module"]
 
-_TOLERANCE = "1e-10"
+_TOLERANCE = "1e-12"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,15 +40,6 @@ class ModuleFunction:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ModuleTest:
-    """Reference inputs and outputs of one function, as Python text."""
-
-    name: str
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class ModuleContext:
     """module.py.jinja."""
 
@@ -55,8 +48,10 @@ class ModuleContext:
     version: str
     signature: str
     tolerance: str
-    negligible: str
-    floor: str
+    per_unit: str
+    whole: int
+    weights: str
+    state_count: int
     names: str
     extent: str
     joint_count: int
@@ -66,6 +61,7 @@ class ModuleContext:
     friction_lines: tuple[str, ...]
     elastic_lines: tuple[str, ...]
     functions: tuple[ModuleFunction, ...]
+    states: tuple[ModuleState, ...]
     tests: tuple[ModuleTest, ...]
 
 
@@ -93,7 +89,7 @@ def _write_statements(program: Program) -> tuple[str, ...]:
     prepared = [f'{port.name} = _prepare("{port.name}", {port.name}, {port.shape!r})' for port in spec.inputs]
     shapes = ", ".join(f"{port.name}.shape[:-{len(port.shape)}]" for port in samples)
     allocated = [
-        f"{port.name} = np.empty((*samples, {', '.join(map(str, port.shape))}))" for port in spec.outputs
+        f"{port.name} = np.zeros((*samples, {', '.join(map(str, port.shape))}))" for port in spec.outputs
     ]
     return (
         *prepared,
@@ -117,15 +113,6 @@ def _write_function(program: Program, count: Operations) -> ModuleFunction:
     )
 
 
-def _write_test(program: Program, reference: Reference) -> ModuleTest:
-    spec = program.spec
-    inputs = (
-        repr(rows[0] if port.shared else rows)
-        for port, rows in zip(spec.inputs, reference.inputs, strict=True)
-    )
-    return ModuleTest(name=spec.name, inputs=tuple(inputs), outputs=tuple(map(repr, reference.outputs)))
-
-
 def _write_module(material: Material) -> str:
     programs = material.programs
     counted = zip(programs, material.operations, strict=True)
@@ -135,8 +122,10 @@ def _write_module(material: Material) -> str:
         version=__version__,
         signature=material.card.signature,
         tolerance=_TOLERANCE,
-        negligible=repr(NEGLIGIBLE),
-        floor=repr(FLOOR),
+        per_unit=repr(float(PER_UNIT)),
+        whole=min(WHOLE, material.options.states),
+        weights=repr(WEIGHTS),
+        state_count=material.options.states,
         names=", ".join(f'"{program.spec.name}"' for program in programs),
         extent=material.extent,
         joint_count=material.card.size,
@@ -146,7 +135,8 @@ def _write_module(material: Material) -> str:
         friction_lines=material.friction_lines,
         elastic_lines=tuple(line.replace("  ", "    ", 1) for line in material.elastic_lines),
         functions=tuple(_write_function(program, count) for program, count in counted),
-        tests=tuple(_write_test(p, r) for p, r in zip(programs, material.references, strict=True)),
+        states=build_module_states(programs, material.references),
+        tests=build_module_tests(programs, material.references),
     )
     return write_template("python/module.py.jinja", context)
 

@@ -1,150 +1,64 @@
 """Reference values for self-tests, the same digits on every machine.
 
-Input: programs and the CasADi functions built from them. Output: random states and the value of
-every output there. The values come from the program in 40-digit arithmetic, so no mathematics
-library takes part in them; each must agree with what CasADi itself computes.
+Input: programs and the CasADi functions built from them. Output: random states, which all functions share,
+and what the outputs are there: each element at the first states, and at all states sums of the elements
+with weights, which hold a table small. The values come from the programs in 50-digit arithmetic; each must
+agree with what CasADi itself computes.
 
 Supported: all operations of `Op`.
 """
 
-import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from decimal import Context, Decimal, localcontext
 
 import casadi as ca
-import mpmath
 import numpy as np
 
 from symid.arrays import FloatArray
-from symid.codegen.functions import ModelCard, Port
-from symid.codegen.instructions import Instruction, Op, Program
+from symid.codegen.exact_values import DIGITS, Exact, compute_exact, find_no_value
+from symid.codegen.functions import ModelCard
+from symid.codegen.instructions import Program
 from symid.codegen.options import GenerateOptions
+from symid.codegen.sample_parameters import find_amplification, find_parameters
+from symid.codegen.sample_states import States, find_values
 from symid.errors import GenerationError, Notice
 
-__all__ = ["FLOOR", "NEGLIGIBLE", "Reference", "build_references"]
+__all__ = ["FLOOR", "NEGLIGIBLE", "WEIGHTS", "WHOLE", "Reference", "build_references"]
 
 # Errors are measured by the largest value of an output; one below NEGLIGIBLE is zero but for rounding, and
 # FLOOR stands in for its size.
 NEGLIGIBLE = 1e-12
 FLOOR = 0.01
+WHOLE = 2
+"""At how many states every element is given."""
+WEIGHTS = ((97, 31), (101, 37))
+"""Modulus m and step s of a sum: element i weighs m + (s i mod m), between m and 2 m.
 
-_DIGITS = 40
+No two of 97 x 101 elements weigh the same in both sums, so that two that changed places show; divided by
+m, an error of one element shows with its full size at least.
+"""
 _AGREEMENT = 1e-8
-_DRAWS = 40
-_ATTEMPTS = 4
-_CONDITION = 1e6
-_RANGES = {"q": 3.0, "dq": 2.0, "ddq": 5.0, "tau": 20.0}
-_RANGES |= {"dddq": 20.0, "ddddq": 100.0, "phi": 0.02, "P": 0.02, "tau_J": 20.0, "Q": 5.0}
 # In place of stiffnesses that the robot file does not know: k0, and those of stops.
 _STIFFNESSES = {True: 100.0, False: 20.0}
-
-_RULES: dict[Op, Callable[..., Any]] = {
-    Op.ADD: operator.add,
-    Op.SUB: operator.sub,
-    Op.MUL: operator.mul,
-    Op.DIV: operator.truediv,
-    Op.SIN: mpmath.sin,
-    Op.COS: mpmath.cos,
-    Op.TAN: mpmath.tan,
-    Op.SQRT: mpmath.sqrt,
-    Op.EXP: mpmath.exp,
-    Op.TANH: mpmath.tanh,
-    Op.POWER: mpmath.power,
-    Op.ABS: abs,
-    Op.SIGN: mpmath.sign,
-    Op.LESS: lambda a, b: mpmath.mpf(int(a < b)),
-    Op.LESS_EQUAL: lambda a, b: mpmath.mpf(int(a <= b)),
-    Op.IS_ZERO: lambda a: mpmath.mpf(int(a == 0)),
-    Op.SELECT: lambda a, b: b if a else mpmath.mpf(0),
-    Op.MAXIMUM: max,
-    Op.MINIMUM: min,
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reference:
-    """Inputs and outputs of one function; a shared input has one row, others one a state."""
+    """Inputs and outputs of one function, by port.
+
+    Attributes:
+        inputs: a row a state; a shared input has one row.
+        whole: every element, a row for each of the first states.
+        sums: the sums of `WEIGHTS`, a row a state.
+        scales: the largest element at any state, `FLOOR` for one that is zero but for rounding; times the
+            amplification of the forward dynamics.
+    """
 
     inputs: tuple[tuple[tuple[float, ...], ...], ...]
-    outputs: tuple[tuple[tuple[float, ...], ...], ...]
-
-
-def _fail_value(program: Program, why: str) -> GenerationError:
-    text = f"function {program.spec.name!r} has no value at a state of the self-test: {why}"
-    return GenerationError(Notice(code="codegen.no-reference", text=text))
-
-
-def _evaluate(program: Program, inputs: Sequence[Sequence[float]]) -> tuple[tuple[float, ...], ...]:
-    values: list[Any] = [None]
-
-    def read(ref: int) -> Any:  # noqa: ANN401  mpmath has no types
-        return values[ref] if ref > 0 else -values[-ref]
-
-    def compute(instruction: Instruction) -> Any:  # noqa: ANN401
-        if instruction.op is Op.INPUT:
-            port, element = instruction.args
-            return mpmath.mpf(inputs[port][element])
-        if instruction.op is Op.CONSTANT:
-            return mpmath.mpf(instruction.constant)
-        return _RULES[instruction.op](*map(read, instruction.args))
-
-    try:
-        with mpmath.workdps(_DIGITS):
-            for instruction in program.instructions:
-                values.append(compute(instruction))  # noqa: PERF401  later values need earlier ones
-            # Adding zero turns a negative zero into zero.
-            outputs = tuple(tuple(float(read(ref)) + 0.0 for ref in refs) for refs in program.outputs)
-    except (ArithmeticError, ValueError, TypeError) as error:
-        # Division by zero, and what mpmath raises or returns outside a function's domain.
-        raise _fail_value(program, repr(error)) from error
-    if not all(np.isfinite(values).all() for values in outputs):
-        raise _fail_value(program, "an output is not finite")
-    return outputs
-
-
-def _draw(port: Port, rng: np.random.Generator) -> tuple[float, ...]:
-    reach = _RANGES.get(port.name.removesuffix("r"), 1.0)
-    # Three decimals: short to print, and exact in what they say.
-    return tuple(float(v) for v in np.round(rng.uniform(-reach, reach, port.size), 3))
-
-
-def _call(function: ca.Function, program: Program, inputs: Sequence[Sequence[float]]) -> list[FloatArray]:
-    def shape(port: Port, values: Sequence[float]) -> FloatArray:
-        return np.reshape(values, (port.shape[0], -1)) if values else np.zeros((0, 1))
-
-    arguments = [shape(port, values) for port, values in zip(program.spec.inputs, inputs, strict=True)]
-    results = function.call([ca.DM(argument) for argument in arguments])
-    return [np.asarray(result.full()).ravel() for result in results]
-
-
-def _find_candidates(
-    card: ModelCard, functions: Sequence[ca.Function], programs: Sequence[Program], rng: np.random.Generator
-) -> list[tuple[float, ...]]:
-    """Return values of beta to try: the known ones if they are fit, then the best of random ones.
-
-    Random base parameters belong to no robot, and the values in a robot file may leave a joint without
-    inertia: a mass matrix close to a singular one would make the forward dynamics a test of rounding.
-    """
-    stated = [parameter.value for parameter in card.beta]
-    known = tuple(float(value) for value in stated if value is not None)
-    beta = Port(name=card.vector, shape=(len(stated),), unit="", meaning="", shared=True)
-    draws = [_draw(beta, rng) for _ in range(_DRAWS)]
-    given = [known] if len(known) == len(stated) else []
-    found = [k for k, program in enumerate(programs) if program.spec.name == "mass_matrix"]
-    if not found:
-        return [*given, *draws][:_ATTEMPTS]
-    function, program = functions[found[0]], programs[found[0]]
-    states = [_draw(program.spec.inputs[0], rng) for _ in range(4)]
-
-    def find_condition(values: tuple[float, ...]) -> float:
-        matrices = [_call(function, program, (q, values))[0].reshape(card.size, -1) for q in states]
-        if not all(np.isfinite(matrix).all() for matrix in matrices):
-            return np.inf
-        return max(float(np.linalg.cond(matrix)) for matrix in matrices)
-
-    kept = [values for values in given if find_condition(values) < _CONDITION]
-    return [*kept, *sorted(draws, key=find_condition)][:_ATTEMPTS]
+    whole: tuple[tuple[tuple[float, ...], ...], ...]
+    sums: tuple[tuple[tuple[float, ...], ...], ...]
+    scales: tuple[float, ...]
 
 
 def _find_springs(card: ModelCard) -> dict[str, tuple[float, ...]]:
@@ -158,18 +72,19 @@ def _find_springs(card: ModelCard) -> dict[str, tuple[float, ...]]:
     return {"h": tuple(values)}
 
 
-def _check(
-    function: ca.Function,
-    program: Program,
-    inputs: Sequence[Sequence[float]],
-    exact: Sequence[Sequence[float]],
-) -> None:
-    for port, mine, theirs in zip(program.spec.outputs, exact, _call(function, program, inputs), strict=True):
-        largest = float(np.max(np.abs(mine), initial=0.0))
-        scale = FLOOR if largest < NEGLIGIBLE else largest
+def _find_scales(values: FloatArray) -> FloatArray:
+    """Return the largest element in each row, `FLOOR` where it is zero but for rounding."""
+    largest = np.abs(values).max(axis=1, initial=0.0)
+    scales: FloatArray = np.where(largest < NEGLIGIBLE, FLOOR, largest)
+    return scales
+
+
+def _check(program: Program, exact: Sequence[FloatArray], theirs: Sequence[FloatArray]) -> None:
+    for port, mine, other in zip(program.spec.outputs, exact, theirs, strict=True):
         # What is not finite there fails the comparison.
         with np.errstate(invalid="ignore"):
-            error = float(np.max(np.abs(np.array(mine) - theirs), initial=0.0)) / scale
+            errors = np.abs(mine - other).max(axis=1, initial=0.0) / _find_scales(mine)
+        error = float(np.max(errors, initial=0.0))
         if not error <= _AGREEMENT:
             text = (
                 f"function {program.spec.name!r}, output {port.name!r}: the program and CasADi differ by "
@@ -178,31 +93,40 @@ def _check(
             raise GenerationError(Notice(code="codegen.disagrees", text=text))
 
 
-def _build(
-    functions: Sequence[ca.Function],
-    programs: Sequence[Program],
-    shared_values: Mapping[str, tuple[float, ...]],
-    options: GenerateOptions,
-) -> tuple[Reference, ...]:
-    rng = np.random.default_rng(options.seed)
-    shared = dict(shared_values)
-    references = []
-    for function, program in zip(functions, programs, strict=True):
-        columns: list[list[tuple[float, ...]]] = [[] for _ in program.spec.inputs]
-        results: list[list[tuple[float, ...]]] = [[] for _ in program.spec.outputs]
-        for _ in range(options.states):
-            for port, column in zip(program.spec.inputs, columns, strict=True):
-                if port.shared and port.name not in shared:
-                    shared[port.name] = _draw(port, rng)
-                column.append(shared[port.name] if port.shared else _draw(port, rng))
-            inputs = [column[-1] for column in columns]
-            outputs = _evaluate(program, inputs)
-            _check(function, program, inputs, outputs)
-            for result, values in zip(results, outputs, strict=True):
-                result.append(values)
-        kept = (c[:1] if port.shared else c for port, c in zip(program.spec.inputs, columns, strict=True))
-        references.append(Reference(inputs=tuple(map(tuple, kept)), outputs=tuple(map(tuple, results))))
-    return tuple(references)
+def _to_exact(values: FloatArray) -> Exact:
+    exact = np.empty(values.shape, dtype=object)
+    exact[...] = np.vectorize(Decimal, otypes=[object])(values) if values.size else exact
+    return exact
+
+
+def _to_rows(values: FloatArray) -> tuple[tuple[float, ...], ...]:
+    # Adding zero turns a negative zero into zero.
+    return tuple(tuple(row) for row in (np.atleast_2d(values) + 0.0).tolist())
+
+
+def _add_up(exact: Exact) -> FloatArray:
+    """Return the weighted sums of every row, (states, sums), rounded once."""
+    places = np.arange(exact.shape[1])
+    weights = [[int(w) for w in modulus + step * places % modulus] for modulus, step in WEIGHTS]
+    with localcontext(Context(prec=DIGITS)):
+        sums = [exact @ np.array(row, dtype=object) for row in weights]
+    return np.array(sums, dtype=np.float64).T
+
+
+def _build_one(function: ca.Function, program: Program, states: States) -> Reference:
+    inputs = states.find_all(program)
+    exact = compute_exact(program, [_to_exact(values) for values in inputs], states.count)
+    outputs = [values.astype(np.float64) for values in exact]
+    if not all(np.isfinite(values).all() for values in outputs):
+        raise find_no_value(program, "an output is not finite")
+    amplification = find_amplification(function, program, states)
+    _check(program, outputs, find_values(function, program, inputs, states.count))
+    return Reference(
+        inputs=tuple(map(_to_rows, inputs)),
+        whole=tuple(_to_rows(values[:WHOLE]) for values in outputs),
+        sums=tuple(_to_rows(_add_up(values)) for values in exact),
+        scales=tuple(amplification * float(_find_scales(values.reshape(1, -1))[0]) for values in outputs),
+    )
 
 
 def build_references(
@@ -213,12 +137,14 @@ def build_references(
     Raises:
         GenerationError: a program does not compute what CasADi computes, or has no value anywhere.
     """
-    rng = np.random.default_rng((options.seed, 1))
     failures = []
-    for beta in _find_candidates(card, functions, programs, rng):
+    drawn = States(count=options.states, seed=options.seed, shared={})
+    for beta in find_parameters(card, functions, programs, drawn):
+        shared = {card.vector: beta, **_find_springs(card)}
+        states = States(count=options.states, seed=options.seed, shared=shared)
         try:
-            shared = {card.vector: beta, **_find_springs(card)}
-            return _build(functions, programs, shared, options)
+            pairs = zip(functions, programs, strict=True)
+            return tuple(_build_one(function, program, states) for function, program in pairs)
         except GenerationError as error:
             failures.append(error)
     raise failures[-1]

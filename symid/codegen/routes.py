@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from symid.codegen.catalogue import find_robot_specs
+from symid.codegen.constants import Constants
 from symid.codegen.elastic_routes import (
     build_feed_forward,
     build_hysteresis_inverse_step,
@@ -187,15 +188,17 @@ def _is_cheaper(other: Choice, choice: Choice) -> bool:
     return new.mul + new.add < old.mul + old.add and new.trig <= old.trig
 
 
-def choose_route(robot: Robot, base: BaseParameters, spec: FunctionSpec) -> Choice:
+def choose_route(
+    robot: Robot, base: BaseParameters, spec: FunctionSpec, constants: Constants | None = None
+) -> Choice:
     """Return the route to `spec` with the fewest products and sums, and the counts of all its routes.
 
     Constant turns about joint axes are part of the placements or of the joints' angles, whichever costs less.
     """
-    choice = _choose(build_workspace(robot, base, spec), spec)
+    choice = _choose(build_workspace(robot, base, spec, constants=constants), spec)
     turns = find_turns(robot)
     if turns:
-        other = _choose(build_workspace(robot, base, spec, turns), spec)
+        other = _choose(build_workspace(robot, base, spec, turns, constants), spec)
         choice = other if _is_cheaper(other, choice) else choice
     return choice
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 from symid.algebra.exact import find_symbols
 from symid.algebra.scalar import spread_coordinates
+from symid.codegen.constants import Constants
 from symid.codegen.functions import FunctionSpec
 from symid.codegen.value_algebra import ValueAlgebra, build_value_state
 from symid.codegen.values import ValueTable
@@ -102,12 +103,16 @@ def check_symbols(robot: Robot) -> None:
 
 
 def build_workspace(
-    robot: Robot, base: BaseParameters, spec: FunctionSpec, turns: Mapping[int, float] | None = None
+    robot: Robot,
+    base: BaseParameters,
+    spec: FunctionSpec,
+    turns: Mapping[int, float] | None = None,
+    constants: Constants | None = None,
 ) -> Workspace:
     """Return a new workspace for the function `spec`.
 
     `turns` are constant turns of joints (see `turns`) that are added to the joints' angles; the others are
-    part of the placements.
+    part of the placements. `constants` are values of vectors that are no inputs of the function.
     """
     turns = turns or {}
     table = ValueTable()
@@ -117,6 +122,8 @@ def build_workspace(
     inputs = {name: (zero,) * size for name, size in sizes.items()}
     for number, port in enumerate(spec.inputs):
         inputs[port.name] = tuple(table.input(number, element) for element in range(port.size))
+    for name, values in (constants or {}).items():
+        inputs[name] = tuple(map(table.constant, values))
     algebra = ValueAlgebra(table, dict(robot.symbols))
     state = build_value_state(robot, algebra, (inputs["q"], inputs["dq"], inputs["ddq"]), turns)
     return Workspace(

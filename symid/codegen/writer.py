@@ -1,12 +1,15 @@
 """Generated sources, and how they reach a folder.
 
-Input: `SourceSet`. Output: files on disk with a manifest that names them: a new folder whole or not at
-all, an existing one file by file, the manifest last.
+Input: `SourceSet`. Output: files on disk with a manifest that names them, at any moment the old ones or the
+new ones: a new folder appears by one rename; one that symid wrote before changes places with a new one, in
+which the files of others are the same. Where that cannot be, on systems without such a call, for the working
+folder and for mounted ones, files are moved in one by one, the manifest last.
 
 Supported: new folders, empty ones, and folders that symid wrote before.
 Not supported: writing over files that symid did not write, or that were edited since.
 """
 
+import contextlib
 import hashlib
 import json
 import os
@@ -16,9 +19,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from symid.codegen.folder_exchange import exchange_folders, link_missing
 from symid.errors import Notice, OutputError
 
-__all__ = ["MANIFEST", "SourceSet", "find_digest", "find_listed", "read_manifest", "write_sources"]
+__all__ = [
+    "MANIFEST",
+    "SourceSet",
+    "find_digest",
+    "find_listed",
+    "is_unchanged",
+    "read_manifest",
+    "write_manifest_text",
+    "write_sources",
+]
 
 MANIFEST = "manifest.json"
 _UPDATE = ".symid-update-"
@@ -80,6 +93,38 @@ def _is_inside(path: str) -> bool:
     return not Path(path).is_absolute() and ".." not in Path(path).parts
 
 
+def is_unchanged(folder: Path, manifest: Mapping[str, object]) -> bool:
+    """Return whether every file that `manifest` lists is as it says, and no update was interrupted."""
+    try:
+        found = (find_digest((folder / path).read_bytes()) == d for path, d in find_listed(manifest).items())
+        return all(found) and not _find_remains(folder)
+    except OSError:
+        return False
+
+
+def write_manifest_text(text: str, folder: Path) -> None:
+    """Put another manifest into a folder that symid wrote, in one step.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    target = folder.resolve()
+    staging = target / f"{_UPDATE}{secrets.token_hex(6)}"
+    try:
+        staging.mkdir()
+        (staging / MANIFEST).write_bytes(text.encode())
+        (staging / MANIFEST).replace(target / MANIFEST)
+    except OSError as error:
+        raise _fail_write(error, folder) from error
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+
+
+def _fail_write(error: OSError, folder: Path) -> OutputError:
+    text = f"cannot be written: {error.strerror or error}"
+    return OutputError(Notice(code="output.cannot-write", text=text, file=str(folder)))
+
+
 def _check_folder(folder: Path, listed: Listed | None, *, force: bool) -> None:
     if folder.exists() and not folder.is_dir():
         text = "is a file, not a folder; give the name of a folder"
@@ -119,12 +164,52 @@ def _write_new(sources: SourceSet, staging: Path) -> None:
         target.write_bytes(text.encode())
 
 
-def _remove_stale(folder: Path, sources: SourceSet, listed: Listed) -> None:
+def _find_stale(folder: Path, sources: SourceSet, listed: Listed) -> list[Path]:
+    """Return the files of the last run that this one does not write, if nobody changed them."""
     kept = {path for path, _ in sources.files}
+    stale = []
     for path, digests in sorted(listed.items()):
         target = folder / path
         if path not in kept and target.is_file() and find_digest(target.read_bytes()) in digests:
-            target.unlink()
+            stale.append(target)
+    return stale
+
+
+def _remove_stale(folder: Path, sources: SourceSet, listed: Listed) -> None:
+    for path in _find_stale(folder, sources, listed):
+        path.unlink()
+
+
+def _is_in_use(folder: Path) -> bool:
+    """Return whether this process works in `folder`, which must then stay the same one."""
+    try:
+        return Path.cwd().is_relative_to(folder)
+    except OSError:
+        return True
+
+
+def _exchange_folder(sources: SourceSet, folder: Path, listed: Listed) -> bool:
+    """Write a new folder with the files of others in it, and let it change places with `folder`."""
+    if _is_in_use(folder):
+        return False
+    staging = folder.parent / f".{folder.name}-{secrets.token_hex(6)}"
+    dropped = [*_find_stale(folder, sources, listed), *_find_remains(folder)]
+    left_out = frozenset(path.relative_to(folder) for path in dropped)
+    try:
+        _write_new(sources, staging)
+        if not link_missing(folder, staging, left_out):
+            return False
+        shutil.copystat(folder, staging)
+        if not exchange_folders(folder, staging):
+            return False
+        # What somebody put there in the meantime; where that fails, the new folder is whole all the same.
+        with contextlib.suppress(OSError):
+            link_missing(staging, folder, left_out)
+    except OSError:
+        return False
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+    return True
 
 
 def _write_folder(sources: SourceSet, folder: Path) -> None:
@@ -174,11 +259,10 @@ def write_sources(sources: SourceSet, folder: Path, *, force: bool = False) -> t
     _check_files(folder, sources, listed or {}, force=force)
     target = folder.resolve()
     try:
-        if target.is_dir():
-            _update_folder(sources, target, listed or {})
-        else:
+        if not target.is_dir():
             _write_folder(sources, target)
+        elif listed is None or not _exchange_folder(sources, target, listed):
+            _update_folder(sources, target, listed or {})
     except OSError as error:
-        text = f"cannot be written: {error.strerror or error}"
-        raise OutputError(Notice(code="output.cannot-write", text=text, file=str(folder))) from error
+        raise _fail_write(error, folder) from error
     return tuple(folder / path for path, _ in (*sources.files, (MANIFEST, "")))

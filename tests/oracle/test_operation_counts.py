@@ -1,7 +1,8 @@
 """Products and sums of the generated functions: no more than the best published counts, nor than reached.
 
 A bound of the first table is what other tools and customised recursions need; one of the second is what
-symid reached, so that no change makes it worse unseen.
+symid reached, so that no change makes it worse unseen. Forward dynamics inverts each pivot once: a product
+more a joint, and as many quotients fewer as there are pairs of joints.
 """
 
 import pytest
@@ -40,7 +41,7 @@ REACHED = {
         "gravity": (10, 5),
         "bias": (15, 8),
         "inverse_dynamics": (19, 13),
-        "forward_dynamics": (22, 16),
+        "forward_dynamics": (24, 16),
         "inverse_dynamics_derivatives": (23, 17),
         "energy": (18, 8),
         "energy_regressor": (15, 3),
@@ -57,7 +58,7 @@ REACHED = {
         "gravity": (46, 26),
         "bias": (226, 211),
         "inverse_dynamics": (241, 236),
-        "forward_dynamics": (442, 402),
+        "forward_dynamics": (448, 402),
         "inverse_dynamics_derivatives": (1446, 1385),
         "energy": (137, 81),
         "energy_regressor": (111, 39),
@@ -74,7 +75,7 @@ REACHED = {
         "gravity": (60, 38),
         "bias": (237, 222),
         "inverse_dynamics": (251, 246),
-        "forward_dynamics": (446, 410),
+        "forward_dynamics": (452, 410),
         "inverse_dynamics_derivatives": (1484, 1402),
         "energy": (148, 91),
         "energy_regressor": (120, 45),
@@ -91,7 +92,7 @@ REACHED = {
         "gravity": (60, 36),
         "bias": (262, 251),
         "inverse_dynamics": (268, 266),
-        "forward_dynamics": (531, 478),
+        "forward_dynamics": (538, 478),
         "inverse_dynamics_derivatives": (2267, 2170),
         "energy": (153, 90),
         "energy_regressor": (126, 41),
@@ -108,7 +109,7 @@ REACHED = {
         "gravity": (60, 36),
         "bias": (279, 267),
         "inverse_dynamics": (285, 282),
-        "forward_dynamics": (570, 521),
+        "forward_dynamics": (577, 521),
         "inverse_dynamics_derivatives": (2490, 2382),
         "energy": (161, 97),
         "energy_regressor": (134, 48),
@@ -125,7 +126,7 @@ REACHED = {
         "gravity": (44, 24),
         "bias": (219, 203),
         "inverse_dynamics": (241, 237),
-        "forward_dynamics": (430, 392),
+        "forward_dynamics": (436, 392),
         "inverse_dynamics_derivatives": (1217, 1166),
         "energy": (137, 82),
         "energy_regressor": (111, 40),

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from symid.codegen.casadi_functions import build_functions
 from symid.codegen.catalogue import find_robot_specs, find_specs
 from symid.codegen.instructions import count_operations
-from symid.codegen.printing import print_c
+from symid.codegen.printing_c import print_c
 from symid.codegen.program import build_program
 from symid.codegen.python_module import generate_python_module
 from symid.codegen.routes import ROUTES, choose_route, find_route_counts

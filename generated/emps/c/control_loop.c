@@ -4,8 +4,8 @@
  * ddq_d + kd (dq_d - dq) + kp (q_d - q), plus friction at the desired velocity. The robot itself is
  * simulated here with the same parameters; in a real loop q and dq come from the drives.
  *
- * Usage: control_loop [FILE]    FILE holds beta, then f, as numbers between blanks: identified
- * values, for example. Without it the robot file's values are used, if it states all of them.
+ * Usage: control_loop [FILE]    FILE holds beta, then f, as numbers between blanks: identified values,
+ * for example. Without it there are none: the robot file lacks values.
  */
 #include "symid_emps.h"
 
@@ -13,17 +13,20 @@
 #include <stdio.h>
 
 #define JOINTS 1
-#define PARAMETERS 4
-#define KNOWN 0
 
 static const double kp = 400.0;
 static const double kd = 40.0;
 static const double period = 0.001;
 
+#define PARAMETERS 4
+#define KNOWN 0
+
 /* beta, then f. */
 static double parameters[PARAMETERS] = {
     0.0,
 };
+static const double *const beta = parameters + 0;
+static const double *const f = parameters + 1;
 
 static int read_parameters(const char *path)
 {
@@ -42,7 +45,6 @@ static int read_parameters(const char *path)
 /* One step of the controller: measured q, dq and desired qd, dqd, ddqd give tau. */
 static int control(const double q[JOINTS], const double dq[JOINTS], const double qd[JOINTS], const double dqd[JOINTS], const double ddqd[JOINTS], double tau[JOINTS])
 {
-    const double *beta = parameters;
     double command[JOINTS];
     for (size_t j = 0; j < JOINTS; ++j) {
         command[j] = ddqd[j] + kd * (dqd[j] - dq[j]) + kp * (qd[j] - q[j]);
@@ -51,7 +53,7 @@ static int control(const double q[JOINTS], const double dq[JOINTS], const double
         return 1;
     }
     double friction[JOINTS];
-    if (symid_emps_friction(dqd, parameters + 1, friction) != 0) {
+    if (symid_emps_friction(dqd, f, friction) != 0) {
         return 1;
     }
     for (size_t j = 0; j < JOINTS; ++j) {
@@ -63,14 +65,13 @@ static int control(const double q[JOINTS], const double dq[JOINTS], const double
 /* One step of the simulated robot. */
 static int move(double q[JOINTS], double dq[JOINTS], const double tau[JOINTS])
 {
-    const double *beta = parameters;
     double rigid[JOINTS];
     double ddq[JOINTS];
     for (size_t j = 0; j < JOINTS; ++j) {
         rigid[j] = tau[j];
     }
     double friction[JOINTS];
-    if (symid_emps_friction(dq, parameters + 1, friction) != 0) {
+    if (symid_emps_friction(dq, f, friction) != 0) {
         return 1;
     }
     for (size_t j = 0; j < JOINTS; ++j) {
@@ -96,7 +97,7 @@ int main(int count, char **arguments)
     double ddqd[JOINTS];
     double worst = 0.0;
     if (count > 1 ? !read_parameters(arguments[1]) : !KNOWN) {
-        fprintf(stderr, "usage: control_loop FILE    FILE: %d numbers, beta then f\n", PARAMETERS);
+        fprintf(stderr, "usage: control_loop FILE    FILE: %d numbers, beta, then f\n", PARAMETERS);
         return 2;
     }
     for (int step = 0; step < 5000; ++step) {

@@ -45,282 +45,376 @@ extern "C" {
 /** A pointer was NULL; nothing was written. */
 #define SYMID_EMPS_ERROR_NULL 1
 
-/** @brief Version of symid that wrote this library. */
+/**
+ * @brief Version of symid that wrote this library.
+ * @return text that must not be freed
+ */
 const char *symid_emps_version(void);
 
-/** @brief Signature of the robot and its derivation, 64 hexadecimal digits. */
+/**
+ * @brief Signature of the robot and its derivation.
+ * @return 64 hexadecimal digits that must not be freed
+ */
 const char *symid_emps_signature(void);
 
-/** @brief Digest of the sources that this library is built from, 64 hexadecimal digits. */
+/**
+ * @brief Digest of the sources that this library is built from.
+ * @return 64 hexadecimal digits that must not be freed
+ */
 const char *symid_emps_digest(void);
 
 /**
  * @brief pose of every link frame in the base frame
  *
- * @param [in] q joint coordinates: 1, rad
- * @param [out] R rotation matrices, one a link: 1 x 3 x 3, 1
- * @param [out] P origins, one a link: 1 x 3, m
+ * @param[in] q joint coordinates: 1, rad
+ * @param[out] R rotation matrices, one a link: 1 x 3 x 3, 1
+ * @param[out] P origins, one a link: 1 x 3, m
  * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
  *
  * Operations: 0 products, 0 sums, 0 elementary functions.
  */
 int symid_emps_forward_kinematics(const double q[1], double R[9], double P[3]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_emps_forward_kinematics for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
+ */
 int symid_emps_forward_kinematics_batch(size_t n, const double *q, double *R, double *P);
 
 /**
  * @brief geometric Jacobian of the last link frame, base axes: linear rows, then angular
  *
- * @param [in] q joint coordinates: 1, rad
- * @param [out] J Jacobian: 6 x 1, m, 1
+ * @param[in] q joint coordinates: 1, rad
+ * @param[out] J Jacobian: 6 x 1, m, 1
  * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
  *
  * Operations: 0 products, 0 sums, 0 elementary functions.
  */
 int symid_emps_jacobian(const double q[1], double J[6]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_emps_jacobian for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
+ */
 int symid_emps_jacobian_batch(size_t n, const double *q, double *J);
 
 /**
  * @brief joint-space mass matrix, rotor inertias included
  *
- * @param [in] q joint coordinates: 1, rad
- * @param [in] beta base inertial parameters: 1, mixed; one vector for all samples
- * @param [out] M mass matrix: 1 x 1, kg m^2
+ * @param[in] q joint coordinates: 1, rad
+ * @param[in] beta base inertial parameters: 1, mixed; one vector for all samples
+ * @param[out] M mass matrix: 1 x 1, kg m^2
  * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
  *
  * Operations: 0 products, 0 sums, 0 elementary functions.
  */
 int symid_emps_mass_matrix(const double q[1], const double beta[1], double M[1]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_emps_mass_matrix for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
+ */
 int symid_emps_mass_matrix_batch(size_t n, const double *q, const double beta[1], double *M);
 
 /**
  * @brief factor C of the Coriolis torque C dq for which dM/dt - 2 C is skew
  *
- * @param [in] q joint coordinates: 1, rad
- * @param [in] dq joint velocities: 1, rad/s
- * @param [in] beta base inertial parameters: 1, mixed; one vector for all samples
- * @param [out] C Coriolis matrix: 1 x 1, kg m^2/s
+ * @param[in] q joint coordinates: 1, rad
+ * @param[in] dq joint velocities: 1, rad/s
+ * @param[in] beta base inertial parameters: 1, mixed; one vector for all samples
+ * @param[out] C Coriolis matrix: 1 x 1, kg m^2/s
  * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
  *
  * Operations: 0 products, 0 sums, 0 elementary functions.
  */
 int symid_emps_coriolis_matrix(const double q[1], const double dq[1], const double beta[1], double C[1]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_emps_coriolis_matrix for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
+ */
 int symid_emps_coriolis_matrix_batch(size_t n, const double *q, const double *dq, const double beta[1], double *C);
 
 /**
  * @brief gravity torque
  *
- * @param [in] q joint coordinates: 1, rad
- * @param [in] beta base inertial parameters: 1, mixed; one vector for all samples
- * @param [out] g gravity torque: 1, N m
+ * @param[in] q joint coordinates: 1, rad
+ * @param[in] beta base inertial parameters: 1, mixed; one vector for all samples
+ * @param[out] g gravity torque: 1, N m
  * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
  *
  * Operations: 0 products, 0 sums, 0 elementary functions.
  */
 int symid_emps_gravity(const double q[1], const double beta[1], double g[1]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_emps_gravity for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
+ */
 int symid_emps_gravity_batch(size_t n, const double *q, const double beta[1], double *g);
 
 /**
  * @brief Coriolis, centrifugal and gravity torque
  *
- * @param [in] q joint coordinates: 1, rad
- * @param [in] dq joint velocities: 1, rad/s
- * @param [in] beta base inertial parameters: 1, mixed; one vector for all samples
- * @param [out] c bias torque: 1, N m
+ * @param[in] q joint coordinates: 1, rad
+ * @param[in] dq joint velocities: 1, rad/s
+ * @param[in] beta base inertial parameters: 1, mixed; one vector for all samples
+ * @param[out] c bias torque: 1, N m
  * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
  *
  * Operations: 0 products, 0 sums, 0 elementary functions.
  */
 int symid_emps_bias(const double q[1], const double dq[1], const double beta[1], double c[1]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_emps_bias for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
+ */
 int symid_emps_bias_batch(size_t n, const double *q, const double *dq, const double beta[1], double *c);
 
 /**
  * @brief torque that gives the acceleration ddq
  *
- * @param [in] q joint coordinates: 1, rad
- * @param [in] dq joint velocities: 1, rad/s
- * @param [in] ddq joint accelerations: 1, rad/s^2
- * @param [in] beta base inertial parameters: 1, mixed; one vector for all samples
- * @param [out] tau joint torques without friction: 1, N m
+ * @param[in] q joint coordinates: 1, rad
+ * @param[in] dq joint velocities: 1, rad/s
+ * @param[in] ddq joint accelerations: 1, rad/s^2
+ * @param[in] beta base inertial parameters: 1, mixed; one vector for all samples
+ * @param[out] tau joint torques without friction: 1, N m
  * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
  *
  * Operations: 1 products, 0 sums, 0 elementary functions.
  */
 int symid_emps_inverse_dynamics(const double q[1], const double dq[1], const double ddq[1], const double beta[1], double tau[1]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_emps_inverse_dynamics for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
+ */
 int symid_emps_inverse_dynamics_batch(size_t n, const double *q, const double *dq, const double *ddq, const double beta[1], double *tau);
 
 /**
  * @brief acceleration under the torque tau
  *
- * @param [in] q joint coordinates: 1, rad
- * @param [in] dq joint velocities: 1, rad/s
- * @param [in] tau joint torques without friction: 1, N m
- * @param [in] beta base inertial parameters: 1, mixed; one vector for all samples
- * @param [out] ddq joint accelerations: 1, rad/s^2
+ * @param[in] q joint coordinates: 1, rad
+ * @param[in] dq joint velocities: 1, rad/s
+ * @param[in] tau joint torques without friction: 1, N m
+ * @param[in] beta base inertial parameters: 1, mixed; one vector for all samples
+ * @param[out] ddq joint accelerations: 1, rad/s^2
  * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
  *
- * Operations: 1 products, 0 sums, 0 elementary functions.
+ * Operations: 2 products, 0 sums, 0 elementary functions.
  */
 int symid_emps_forward_dynamics(const double q[1], const double dq[1], const double tau[1], const double beta[1], double ddq[1]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_emps_forward_dynamics for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
+ */
 int symid_emps_forward_dynamics_batch(size_t n, const double *q, const double *dq, const double *tau, const double beta[1], double *ddq);
 
 /**
  * @brief derivatives of the inverse dynamics
  *
- * @param [in] q joint coordinates: 1, rad
- * @param [in] dq joint velocities: 1, rad/s
- * @param [in] ddq joint accelerations: 1, rad/s^2
- * @param [in] beta base inertial parameters: 1, mixed; one vector for all samples
- * @param [out] dtau_dq by position: 1 x 1, N m/rad
- * @param [out] dtau_ddq by velocity: 1 x 1, N m s/rad
- * @param [out] dtau_dddq by acceleration: the mass matrix: 1 x 1, kg m^2
+ * @param[in] q joint coordinates: 1, rad
+ * @param[in] dq joint velocities: 1, rad/s
+ * @param[in] ddq joint accelerations: 1, rad/s^2
+ * @param[in] beta base inertial parameters: 1, mixed; one vector for all samples
+ * @param[out] dtau_dq by position: 1 x 1, N m/rad
+ * @param[out] dtau_ddq by velocity: 1 x 1, N m s/rad
+ * @param[out] dtau_dddq by acceleration: the mass matrix: 1 x 1, kg m^2
  * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
  *
  * Operations: 0 products, 0 sums, 0 elementary functions.
  */
 int symid_emps_inverse_dynamics_derivatives(const double q[1], const double dq[1], const double ddq[1], const double beta[1], double dtau_dq[1], double dtau_ddq[1], double dtau_dddq[1]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_emps_inverse_dynamics_derivatives for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
+ */
 int symid_emps_inverse_dynamics_derivatives_batch(size_t n, const double *q, const double *dq, const double *ddq, const double beta[1], double *dtau_dq, double *dtau_ddq, double *dtau_dddq);
 
 /**
  * @brief kinetic and potential energy, up to the constant that base parameters cannot know
  *
- * @param [in] q joint coordinates: 1, rad
- * @param [in] dq joint velocities: 1, rad/s
- * @param [in] beta base inertial parameters: 1, mixed; one vector for all samples
- * @param [out] T kinetic energy: 1, J
- * @param [out] V potential energy: 1, J
+ * @param[in] q joint coordinates: 1, rad
+ * @param[in] dq joint velocities: 1, rad/s
+ * @param[in] beta base inertial parameters: 1, mixed; one vector for all samples
+ * @param[out] T kinetic energy: 1, J
+ * @param[out] V potential energy: 1, J
  * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
  *
  * Operations: 3 products, 0 sums, 0 elementary functions.
  */
 int symid_emps_energy(const double q[1], const double dq[1], const double beta[1], double T[1], double V[1]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_emps_energy for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
+ */
 int symid_emps_energy_batch(size_t n, const double *q, const double *dq, const double beta[1], double *T, double *V);
 
 /**
  * @brief kinetic and potential energy per base parameter
  *
- * @param [in] q joint coordinates: 1, rad
- * @param [in] dq joint velocities: 1, rad/s
- * @param [out] hT kinetic energy regressor: 1, mixed
- * @param [out] hV potential energy regressor: 1, mixed
+ * @param[in] q joint coordinates: 1, rad
+ * @param[in] dq joint velocities: 1, rad/s
+ * @param[out] hT kinetic energy regressor: 1, mixed
+ * @param[out] hV potential energy regressor: 1, mixed
  * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
  *
  * Operations: 2 products, 0 sums, 0 elementary functions.
  */
 int symid_emps_energy_regressor(const double q[1], const double dq[1], double hT[1], double hV[1]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_emps_energy_regressor for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
+ */
 int symid_emps_energy_regressor_batch(size_t n, const double *q, const double *dq, double *hT, double *hV);
 
 /**
  * @brief generalised momentum dT/ddq per base parameter
  *
- * @param [in] q joint coordinates: 1, rad
- * @param [in] dq joint velocities: 1, rad/s
- * @param [out] Yp momentum regressor: 1 x 1, mixed
+ * @param[in] q joint coordinates: 1, rad
+ * @param[in] dq joint velocities: 1, rad/s
+ * @param[out] Yp momentum regressor: 1 x 1, mixed
  * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
  *
  * Operations: 0 products, 0 sums, 0 elementary functions.
  */
 int symid_emps_momentum_regressor(const double q[1], const double dq[1], double Yp[1]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_emps_momentum_regressor for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
+ */
 int symid_emps_momentum_regressor_batch(size_t n, const double *q, const double *dq, double *Yp);
 
 /**
  * @brief dL/dq = dT/dq - dV/dq per base parameter
  *
- * @param [in] q joint coordinates: 1, rad
- * @param [in] dq joint velocities: 1, rad/s
- * @param [out] YL regressor of dL/dq: 1 x 1, mixed
+ * @param[in] q joint coordinates: 1, rad
+ * @param[in] dq joint velocities: 1, rad/s
+ * @param[out] YL regressor of dL/dq: 1 x 1, mixed
  * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
  *
  * Operations: 0 products, 0 sums, 0 elementary functions.
  */
 int symid_emps_lagrange_regressor(const double q[1], const double dq[1], double YL[1]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_emps_lagrange_regressor for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
+ */
 int symid_emps_lagrange_regressor_batch(size_t n, const double *q, const double *dq, double *YL);
 
 /**
  * @brief joint torque per base parameter
  *
- * @param [in] q joint coordinates: 1, rad
- * @param [in] dq joint velocities: 1, rad/s
- * @param [in] ddq joint accelerations: 1, rad/s^2
- * @param [out] Y torque regressor: 1 x 1, mixed
+ * @param[in] q joint coordinates: 1, rad
+ * @param[in] dq joint velocities: 1, rad/s
+ * @param[in] ddq joint accelerations: 1, rad/s^2
+ * @param[out] Y torque regressor: 1 x 1, mixed
  * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
  *
  * Operations: 0 products, 0 sums, 0 elementary functions.
  */
 int symid_emps_torque_regressor(const double q[1], const double dq[1], const double ddq[1], double Y[1]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_emps_torque_regressor for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
+ */
 int symid_emps_torque_regressor_batch(size_t n, const double *q, const double *dq, const double *ddq, double *Y);
 
 /**
  * @brief M ddqr + C dqr + g per base parameter
  *
- * @param [in] q joint coordinates: 1, rad
- * @param [in] dq joint velocities: 1, rad/s
- * @param [in] dqr reference velocities: 1, rad/s
- * @param [in] ddqr reference accelerations: 1, rad/s^2
- * @param [out] Yr Slotine-Li regressor: 1 x 1, mixed
+ * @param[in] q joint coordinates: 1, rad
+ * @param[in] dq joint velocities: 1, rad/s
+ * @param[in] dqr reference velocities: 1, rad/s
+ * @param[in] ddqr reference accelerations: 1, rad/s^2
+ * @param[out] Yr Slotine-Li regressor: 1 x 1, mixed
  * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
  *
  * Operations: 0 products, 0 sums, 0 elementary functions.
  */
 int symid_emps_slotine_li_regressor(const double q[1], const double dq[1], const double dqr[1], const double ddqr[1], double Yr[1]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_emps_slotine_li_regressor for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
+ */
 int symid_emps_slotine_li_regressor_batch(size_t n, const double *q, const double *dq, const double *dqr, const double *ddqr, double *Yr);
 
 /**
  * @brief friction torque, positive against positive velocity
  *
- * @param [in] dq joint velocities: 1, rad/s
- * @param [in] f friction parameters: 3, mixed; one vector for all samples
- * @param [out] tau_f friction torques: 1, N m
+ * @param[in] dq joint velocities: 1, rad/s
+ * @param[in] f friction parameters: 3, mixed; one vector for all samples
+ * @param[out] tau_f friction torques: 1, N m
  * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
  *
  * Operations: 2 products, 2 sums, 0 elementary functions.
  */
 int symid_emps_friction(const double dq[1], const double f[3], double tau_f[1]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_emps_friction for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
+ */
 int symid_emps_friction_batch(size_t n, const double *dq, const double f[3], double *tau_f);
 
 /**
  * @brief friction torque per friction parameter
  *
- * @param [in] dq joint velocities: 1, rad/s
- * @param [out] Yf friction regressor: 1 x 3, mixed
+ * @param[in] dq joint velocities: 1, rad/s
+ * @param[out] Yf friction regressor: 1 x 3, mixed
  * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
  *
  * Operations: 0 products, 0 sums, 0 elementary functions.
  */
 int symid_emps_friction_regressor(const double dq[1], double Yf[3]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_emps_friction_regressor for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_EMPS_OK or SYMID_EMPS_ERROR_NULL
+ */
 int symid_emps_friction_regressor_batch(size_t n, const double *dq, double *Yf);
 
 #ifdef __cplusplus

@@ -15,6 +15,15 @@ int symid_emps_coriolis_matrix_batch(size_t n, const double *restrict q, const d
     if (q == NULL || dq == NULL || beta == NULL || C == NULL) {
         return SYMID_EMPS_ERROR_NULL;
     }
+#if SYMID_EMPS_LANES > 1
+    if (n >= SYMID_EMPS_LANES) {
+        for (size_t first = 0; first < n; first += SYMID_EMPS_LANES) {
+            const size_t k = first <= n - SYMID_EMPS_LANES ? first : n - SYMID_EMPS_LANES;
+            store_one(C + 1 * k, 1, ALL(0.0));
+        }
+        return SYMID_EMPS_OK;
+    }
+#endif
     for (size_t k = 0; k < n; ++k) {
         (void)symid_emps_coriolis_matrix(q + 1 * k, dq + 1 * k, beta, C + 1 * k);
     }

@@ -12,8 +12,8 @@ int symid_emps_friction_regressor(const double dq[restrict 1], double Yf[restric
         return SYMID_EMPS_ERROR_NULL;
     }
     const double t2 = sign(dq[0]);
-    Yf[0] = dq[0];
     Yf[1] = t2;
+    Yf[0] = dq[0];
     Yf[2] = 1.0;
     return SYMID_EMPS_OK;
 }

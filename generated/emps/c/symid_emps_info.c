@@ -13,5 +13,5 @@ const char *symid_emps_signature(void)
 
 const char *symid_emps_digest(void)
 {
-    return "363cc1013dbc1a37133593526adfdbc4faee548604b5093a0cdcbf54f53e4860";
+    return "d0f01c9384b4b6784923bcaf5731f02aea0dedfd65ada4eb7006dbf1b92a4ef5";
 }

@@ -17,6 +17,17 @@ int symid_emps_inverse_dynamics_derivatives_batch(size_t n, const double *restri
     if (q == NULL || dq == NULL || ddq == NULL || beta == NULL || dtau_dq == NULL || dtau_ddq == NULL || dtau_dddq == NULL) {
         return SYMID_EMPS_ERROR_NULL;
     }
+#if SYMID_EMPS_LANES > 1
+    if (n >= SYMID_EMPS_LANES) {
+        for (size_t first = 0; first < n; first += SYMID_EMPS_LANES) {
+            const size_t k = first <= n - SYMID_EMPS_LANES ? first : n - SYMID_EMPS_LANES;
+            store_one(dtau_dq + 1 * k, 1, ALL(0.0));
+            store_one(dtau_ddq + 1 * k, 1, ALL(0.0));
+            store_one(dtau_dddq + 1 * k, 1, ALL(beta[0]));
+        }
+        return SYMID_EMPS_OK;
+    }
+#endif
     for (size_t k = 0; k < n; ++k) {
         (void)symid_emps_inverse_dynamics_derivatives(q + 1 * k, dq + 1 * k, ddq + 1 * k, beta, dtau_dq + 1 * k, dtau_ddq + 1 * k, dtau_dddq + 1 * k);
     }

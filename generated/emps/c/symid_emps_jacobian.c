@@ -20,6 +20,15 @@ int symid_emps_jacobian_batch(size_t n, const double *restrict q, double *restri
     if (q == NULL || J == NULL) {
         return SYMID_EMPS_ERROR_NULL;
     }
+#if SYMID_EMPS_LANES > 1
+    if (n >= SYMID_EMPS_LANES) {
+        for (size_t first = 0; first < n; first += SYMID_EMPS_LANES) {
+            const size_t k = first <= n - SYMID_EMPS_LANES ? first : n - SYMID_EMPS_LANES;
+            store_one(J + 6 * k, 6, ALL(0.0)); store_one(J + 6 * k + 1, 6, -ALL(1.0)); store_one(J + 6 * k + 2, 6, ALL(0.0)); store_one(J + 6 * k + 3, 6, ALL(0.0)); store_one(J + 6 * k + 4, 6, ALL(0.0)); store_one(J + 6 * k + 5, 6, ALL(0.0));
+        }
+        return SYMID_EMPS_OK;
+    }
+#endif
     for (size_t k = 0; k < n; ++k) {
         (void)symid_emps_jacobian(q + 1 * k, J + 6 * k);
     }

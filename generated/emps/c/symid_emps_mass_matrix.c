@@ -15,6 +15,15 @@ int symid_emps_mass_matrix_batch(size_t n, const double *restrict q, const doubl
     if (q == NULL || beta == NULL || M == NULL) {
         return SYMID_EMPS_ERROR_NULL;
     }
+#if SYMID_EMPS_LANES > 1
+    if (n >= SYMID_EMPS_LANES) {
+        for (size_t first = 0; first < n; first += SYMID_EMPS_LANES) {
+            const size_t k = first <= n - SYMID_EMPS_LANES ? first : n - SYMID_EMPS_LANES;
+            store_one(M + 1 * k, 1, ALL(beta[0]));
+        }
+        return SYMID_EMPS_OK;
+    }
+#endif
     for (size_t k = 0; k < n; ++k) {
         (void)symid_emps_mass_matrix(q + 1 * k, beta, M + 1 * k);
     }

@@ -54,282 +54,376 @@ extern "C" {
 /** A pointer was NULL; nothing was written. */
 #define SYMID_TWO_LINK_ERROR_NULL 1
 
-/** @brief Version of symid that wrote this library. */
+/**
+ * @brief Version of symid that wrote this library.
+ * @return text that must not be freed
+ */
 const char *symid_two_link_version(void);
 
-/** @brief Signature of the robot and its derivation, 64 hexadecimal digits. */
+/**
+ * @brief Signature of the robot and its derivation.
+ * @return 64 hexadecimal digits that must not be freed
+ */
 const char *symid_two_link_signature(void);
 
-/** @brief Digest of the sources that this library is built from, 64 hexadecimal digits. */
+/**
+ * @brief Digest of the sources that this library is built from.
+ * @return 64 hexadecimal digits that must not be freed
+ */
 const char *symid_two_link_digest(void);
 
 /**
  * @brief pose of every link frame in the base frame
  *
- * @param [in] q joint coordinates: 2, rad
- * @param [out] R rotation matrices, one a link: 2 x 3 x 3, 1
- * @param [out] P origins, one a link: 2 x 3, m
+ * @param[in] q joint coordinates: 2, rad
+ * @param[out] R rotation matrices, one a link: 2 x 3 x 3, 1
+ * @param[out] P origins, one a link: 2 x 3, m
  * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
  *
  * Operations: 6 products, 2 sums, 4 elementary functions.
  */
 int symid_two_link_forward_kinematics(const double q[2], double R[18], double P[6]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_two_link_forward_kinematics for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
+ */
 int symid_two_link_forward_kinematics_batch(size_t n, const double *q, double *R, double *P);
 
 /**
  * @brief geometric Jacobian of the last link frame, base axes: linear rows, then angular
  *
- * @param [in] q joint coordinates: 2, rad
- * @param [out] J Jacobian: 6 x 2, m, 1
+ * @param[in] q joint coordinates: 2, rad
+ * @param[out] J Jacobian: 6 x 2, m, 1
  * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
  *
  * Operations: 2 products, 0 sums, 2 elementary functions.
  */
 int symid_two_link_jacobian(const double q[2], double J[12]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_two_link_jacobian for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
+ */
 int symid_two_link_jacobian_batch(size_t n, const double *q, double *J);
 
 /**
  * @brief joint-space mass matrix, rotor inertias included
  *
- * @param [in] q joint coordinates: 2, rad
- * @param [in] beta base inertial parameters: 6, mixed; one vector for all samples
- * @param [out] M mass matrix: 2 x 2, kg m^2
+ * @param[in] q joint coordinates: 2, rad
+ * @param[in] beta base inertial parameters: 6, mixed; one vector for all samples
+ * @param[out] M mass matrix: 2 x 2, kg m^2
  * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
  *
  * Operations: 3 products, 4 sums, 2 elementary functions.
  */
 int symid_two_link_mass_matrix(const double q[2], const double beta[6], double M[4]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_two_link_mass_matrix for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
+ */
 int symid_two_link_mass_matrix_batch(size_t n, const double *q, const double beta[6], double *M);
 
 /**
  * @brief factor C of the Coriolis torque C dq for which dM/dt - 2 C is skew
  *
- * @param [in] q joint coordinates: 2, rad
- * @param [in] dq joint velocities: 2, rad/s
- * @param [in] beta base inertial parameters: 6, mixed; one vector for all samples
- * @param [out] C Coriolis matrix: 2 x 2, kg m^2/s
+ * @param[in] q joint coordinates: 2, rad
+ * @param[in] dq joint velocities: 2, rad/s
+ * @param[in] beta base inertial parameters: 6, mixed; one vector for all samples
+ * @param[out] C Coriolis matrix: 2 x 2, kg m^2/s
  * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
  *
  * Operations: 6 products, 3 sums, 2 elementary functions.
  */
 int symid_two_link_coriolis_matrix(const double q[2], const double dq[2], const double beta[6], double C[4]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_two_link_coriolis_matrix for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
+ */
 int symid_two_link_coriolis_matrix_batch(size_t n, const double *q, const double *dq, const double beta[6], double *C);
 
 /**
  * @brief gravity torque
  *
- * @param [in] q joint coordinates: 2, rad
- * @param [in] beta base inertial parameters: 6, mixed; one vector for all samples
- * @param [out] g gravity torque: 2, N m
+ * @param[in] q joint coordinates: 2, rad
+ * @param[in] beta base inertial parameters: 6, mixed; one vector for all samples
+ * @param[out] g gravity torque: 2, N m
  * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
  *
  * Operations: 10 products, 5 sums, 4 elementary functions.
  */
 int symid_two_link_gravity(const double q[2], const double beta[6], double g[2]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_two_link_gravity for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
+ */
 int symid_two_link_gravity_batch(size_t n, const double *q, const double beta[6], double *g);
 
 /**
  * @brief Coriolis, centrifugal and gravity torque
  *
- * @param [in] q joint coordinates: 2, rad
- * @param [in] dq joint velocities: 2, rad/s
- * @param [in] beta base inertial parameters: 6, mixed; one vector for all samples
- * @param [out] c bias torque: 2, N m
+ * @param[in] q joint coordinates: 2, rad
+ * @param[in] dq joint velocities: 2, rad/s
+ * @param[in] beta base inertial parameters: 6, mixed; one vector for all samples
+ * @param[out] c bias torque: 2, N m
  * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
  *
  * Operations: 15 products, 8 sums, 4 elementary functions.
  */
 int symid_two_link_bias(const double q[2], const double dq[2], const double beta[6], double c[2]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_two_link_bias for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
+ */
 int symid_two_link_bias_batch(size_t n, const double *q, const double *dq, const double beta[6], double *c);
 
 /**
  * @brief torque that gives the acceleration ddq
  *
- * @param [in] q joint coordinates: 2, rad
- * @param [in] dq joint velocities: 2, rad/s
- * @param [in] ddq joint accelerations: 2, rad/s^2
- * @param [in] beta base inertial parameters: 6, mixed; one vector for all samples
- * @param [out] tau joint torques without friction: 2, N m
+ * @param[in] q joint coordinates: 2, rad
+ * @param[in] dq joint velocities: 2, rad/s
+ * @param[in] ddq joint accelerations: 2, rad/s^2
+ * @param[in] beta base inertial parameters: 6, mixed; one vector for all samples
+ * @param[out] tau joint torques without friction: 2, N m
  * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
  *
  * Operations: 19 products, 13 sums, 4 elementary functions.
  */
 int symid_two_link_inverse_dynamics(const double q[2], const double dq[2], const double ddq[2], const double beta[6], double tau[2]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_two_link_inverse_dynamics for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
+ */
 int symid_two_link_inverse_dynamics_batch(size_t n, const double *q, const double *dq, const double *ddq, const double beta[6], double *tau);
 
 /**
  * @brief acceleration under the torque tau
  *
- * @param [in] q joint coordinates: 2, rad
- * @param [in] dq joint velocities: 2, rad/s
- * @param [in] tau joint torques without friction: 2, N m
- * @param [in] beta base inertial parameters: 6, mixed; one vector for all samples
- * @param [out] ddq joint accelerations: 2, rad/s^2
+ * @param[in] q joint coordinates: 2, rad
+ * @param[in] dq joint velocities: 2, rad/s
+ * @param[in] tau joint torques without friction: 2, N m
+ * @param[in] beta base inertial parameters: 6, mixed; one vector for all samples
+ * @param[out] ddq joint accelerations: 2, rad/s^2
  * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
  *
- * Operations: 22 products, 16 sums, 4 elementary functions.
+ * Operations: 24 products, 16 sums, 4 elementary functions.
  */
 int symid_two_link_forward_dynamics(const double q[2], const double dq[2], const double tau[2], const double beta[6], double ddq[2]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_two_link_forward_dynamics for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
+ */
 int symid_two_link_forward_dynamics_batch(size_t n, const double *q, const double *dq, const double *tau, const double beta[6], double *ddq);
 
 /**
  * @brief derivatives of the inverse dynamics
  *
- * @param [in] q joint coordinates: 2, rad
- * @param [in] dq joint velocities: 2, rad/s
- * @param [in] ddq joint accelerations: 2, rad/s^2
- * @param [in] beta base inertial parameters: 6, mixed; one vector for all samples
- * @param [out] dtau_dq by position: 2 x 2, N m/rad
- * @param [out] dtau_ddq by velocity: 2 x 2, N m s/rad
- * @param [out] dtau_dddq by acceleration: the mass matrix: 2 x 2, kg m^2
+ * @param[in] q joint coordinates: 2, rad
+ * @param[in] dq joint velocities: 2, rad/s
+ * @param[in] ddq joint accelerations: 2, rad/s^2
+ * @param[in] beta base inertial parameters: 6, mixed; one vector for all samples
+ * @param[out] dtau_dq by position: 2 x 2, N m/rad
+ * @param[out] dtau_ddq by velocity: 2 x 2, N m s/rad
+ * @param[out] dtau_dddq by acceleration: the mass matrix: 2 x 2, kg m^2
  * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
  *
  * Operations: 23 products, 17 sums, 4 elementary functions.
  */
 int symid_two_link_inverse_dynamics_derivatives(const double q[2], const double dq[2], const double ddq[2], const double beta[6], double dtau_dq[4], double dtau_ddq[4], double dtau_dddq[4]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_two_link_inverse_dynamics_derivatives for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
+ */
 int symid_two_link_inverse_dynamics_derivatives_batch(size_t n, const double *q, const double *dq, const double *ddq, const double beta[6], double *dtau_dq, double *dtau_ddq, double *dtau_dddq);
 
 /**
  * @brief kinetic and potential energy, up to the constant that base parameters cannot know
  *
- * @param [in] q joint coordinates: 2, rad
- * @param [in] dq joint velocities: 2, rad/s
- * @param [in] beta base inertial parameters: 6, mixed; one vector for all samples
- * @param [out] T kinetic energy: 1, J
- * @param [out] V potential energy: 1, J
+ * @param[in] q joint coordinates: 2, rad
+ * @param[in] dq joint velocities: 2, rad/s
+ * @param[in] beta base inertial parameters: 6, mixed; one vector for all samples
+ * @param[out] T kinetic energy: 1, J
+ * @param[out] V potential energy: 1, J
  * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
  *
  * Operations: 18 products, 8 sums, 4 elementary functions.
  */
 int symid_two_link_energy(const double q[2], const double dq[2], const double beta[6], double T[1], double V[1]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_two_link_energy for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
+ */
 int symid_two_link_energy_batch(size_t n, const double *q, const double *dq, const double beta[6], double *T, double *V);
 
 /**
  * @brief kinetic and potential energy per base parameter
  *
- * @param [in] q joint coordinates: 2, rad
- * @param [in] dq joint velocities: 2, rad/s
- * @param [out] hT kinetic energy regressor: 6, mixed
- * @param [out] hV potential energy regressor: 6, mixed
+ * @param[in] q joint coordinates: 2, rad
+ * @param[in] dq joint velocities: 2, rad/s
+ * @param[out] hT kinetic energy regressor: 6, mixed
+ * @param[out] hV potential energy regressor: 6, mixed
  * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
  *
  * Operations: 15 products, 3 sums, 4 elementary functions.
  */
 int symid_two_link_energy_regressor(const double q[2], const double dq[2], double hT[6], double hV[6]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_two_link_energy_regressor for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
+ */
 int symid_two_link_energy_regressor_batch(size_t n, const double *q, const double *dq, double *hT, double *hV);
 
 /**
  * @brief generalised momentum dT/ddq per base parameter
  *
- * @param [in] q joint coordinates: 2, rad
- * @param [in] dq joint velocities: 2, rad/s
- * @param [out] Yp momentum regressor: 2 x 6, mixed
+ * @param[in] q joint coordinates: 2, rad
+ * @param[in] dq joint velocities: 2, rad/s
+ * @param[out] Yp momentum regressor: 2 x 6, mixed
  * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
  *
  * Operations: 7 products, 3 sums, 2 elementary functions.
  */
 int symid_two_link_momentum_regressor(const double q[2], const double dq[2], double Yp[12]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_two_link_momentum_regressor for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
+ */
 int symid_two_link_momentum_regressor_batch(size_t n, const double *q, const double *dq, double *Yp);
 
 /**
  * @brief dL/dq = dT/dq - dV/dq per base parameter
  *
- * @param [in] q joint coordinates: 2, rad
- * @param [in] dq joint velocities: 2, rad/s
- * @param [out] YL regressor of dL/dq: 2 x 6, mixed
+ * @param[in] q joint coordinates: 2, rad
+ * @param[in] dq joint velocities: 2, rad/s
+ * @param[out] YL regressor of dL/dq: 2 x 6, mixed
  * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
  *
  * Operations: 11 products, 5 sums, 4 elementary functions.
  */
 int symid_two_link_lagrange_regressor(const double q[2], const double dq[2], double YL[12]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_two_link_lagrange_regressor for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
+ */
 int symid_two_link_lagrange_regressor_batch(size_t n, const double *q, const double *dq, double *YL);
 
 /**
  * @brief joint torque per base parameter
  *
- * @param [in] q joint coordinates: 2, rad
- * @param [in] dq joint velocities: 2, rad/s
- * @param [in] ddq joint accelerations: 2, rad/s^2
- * @param [out] Y torque regressor: 2 x 6, mixed
+ * @param[in] q joint coordinates: 2, rad
+ * @param[in] dq joint velocities: 2, rad/s
+ * @param[in] ddq joint accelerations: 2, rad/s^2
+ * @param[out] Y torque regressor: 2 x 6, mixed
  * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
  *
  * Operations: 16 products, 10 sums, 4 elementary functions.
  */
 int symid_two_link_torque_regressor(const double q[2], const double dq[2], const double ddq[2], double Y[12]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_two_link_torque_regressor for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
+ */
 int symid_two_link_torque_regressor_batch(size_t n, const double *q, const double *dq, const double *ddq, double *Y);
 
 /**
  * @brief M ddqr + C dqr + g per base parameter
  *
- * @param [in] q joint coordinates: 2, rad
- * @param [in] dq joint velocities: 2, rad/s
- * @param [in] dqr reference velocities: 2, rad/s
- * @param [in] ddqr reference accelerations: 2, rad/s^2
- * @param [out] Yr Slotine-Li regressor: 2 x 6, mixed
+ * @param[in] q joint coordinates: 2, rad
+ * @param[in] dq joint velocities: 2, rad/s
+ * @param[in] dqr reference velocities: 2, rad/s
+ * @param[in] ddqr reference accelerations: 2, rad/s^2
+ * @param[out] Yr Slotine-Li regressor: 2 x 6, mixed
  * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
  *
  * Operations: 16 products, 11 sums, 4 elementary functions.
  */
 int symid_two_link_slotine_li_regressor(const double q[2], const double dq[2], const double dqr[2], const double ddqr[2], double Yr[12]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_two_link_slotine_li_regressor for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
+ */
 int symid_two_link_slotine_li_regressor_batch(size_t n, const double *q, const double *dq, const double *dqr, const double *ddqr, double *Yr);
 
 /**
  * @brief friction torque, positive against positive velocity
  *
- * @param [in] dq joint velocities: 2, rad/s
- * @param [in] f friction parameters: 6, mixed; one vector for all samples
- * @param [out] tau_f friction torques: 2, N m
+ * @param[in] dq joint velocities: 2, rad/s
+ * @param[in] f friction parameters: 6, mixed; one vector for all samples
+ * @param[out] tau_f friction torques: 2, N m
  * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
  *
  * Operations: 4 products, 4 sums, 0 elementary functions.
  */
 int symid_two_link_friction(const double dq[2], const double f[6], double tau_f[2]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_two_link_friction for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
+ */
 int symid_two_link_friction_batch(size_t n, const double *dq, const double f[6], double *tau_f);
 
 /**
  * @brief friction torque per friction parameter
  *
- * @param [in] dq joint velocities: 2, rad/s
- * @param [out] Yf friction regressor: 2 x 6, mixed
+ * @param[in] dq joint velocities: 2, rad/s
+ * @param[out] Yf friction regressor: 2 x 6, mixed
  * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
  *
  * Operations: 0 products, 0 sums, 0 elementary functions.
  */
 int symid_two_link_friction_regressor(const double dq[2], double Yf[12]);
 
-/** @brief The same for n samples, one after another in each array. */
+/**
+ * @brief symid_two_link_friction_regressor for n samples, one after another in each array.
+ *
+ * Parameter vectors are given once. Without samples nothing is written.
+ * @return SYMID_TWO_LINK_OK or SYMID_TWO_LINK_ERROR_NULL
+ */
 int symid_two_link_friction_regressor_batch(size_t n, const double *dq, double *Yf);
 
 #ifdef __cplusplus

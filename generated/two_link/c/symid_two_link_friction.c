@@ -16,12 +16,12 @@ int symid_two_link_friction(const double dq[restrict 2], const double f[restrict
     const double t6 = f[1] * t5;
     const double t7 = t3 + t6;
     const double t9 = f[2] + t7;
+    tau_f[0] = t9;
     const double t12 = dq[1] * f[3];
     const double t14 = sign(dq[1]);
     const double t15 = f[4] * t14;
     const double t16 = t12 + t15;
     const double t18 = f[5] + t16;
-    tau_f[0] = t9;
     tau_f[1] = t18;
     return SYMID_TWO_LINK_OK;
 }

@@ -12,9 +12,9 @@ int symid_two_link_friction_regressor(const double dq[restrict 2], double Yf[res
         return SYMID_TWO_LINK_ERROR_NULL;
     }
     const double t2 = sign(dq[0]);
+    Yf[1] = t2;
     const double t6 = sign(dq[1]);
     Yf[0] = dq[0];
-    Yf[1] = t2;
     Yf[2] = 1.0;
     Yf[3] = 0.0;
     Yf[4] = 0.0;

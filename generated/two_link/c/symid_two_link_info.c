@@ -13,5 +13,5 @@ const char *symid_two_link_signature(void)
 
 const char *symid_two_link_digest(void)
 {
-    return "ca0a55f98a92684142b6c0fedcf157b0caea3441583a43d24c0771a61094ad82";
+    return "dc85eb4618c6d10ca6b8816f17bdbf5c368846f0e92d7960ff4b5a0f5f7881dc";
 }

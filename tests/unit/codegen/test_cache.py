@@ -1,11 +1,15 @@
 """The cache: found again, made again when it must be, safe when two want it at once."""
 
+import json
 import os
 import platform
+import shutil
+import signal
 import stat
 import subprocess
 import sys
 import tempfile
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,9 +17,10 @@ import numpy as np
 import pytest
 
 from symid.codegen import cache as cache_module
+from symid.codegen import compiler as compiler_module
 from symid.codegen.cache import find_cache_folder, find_library_key, prepare_library
-from symid.codegen.cache_folder import make_temporary_folder
-from symid.codegen.compiler import Compiler, compile_sources, find_compiler
+from symid.codegen.cache_folder import find_distrust, make_temporary_folder
+from symid.codegen.compiler import Compiler, compile_sources, find_compiler, find_processor
 from symid.errors import GenerationError, OutputError
 from symid.formats.toml import read_robot
 from symid.robot.description import Limits
@@ -103,13 +108,14 @@ from symid.codegen.cache import prepare_library
 from symid.formats.toml import read_robot
 library = prepare_library(read_robot(Path(sys.argv[1])), names=("mass_matrix",), cache=Path(sys.argv[2]))
 print(library.evaluate("mass_matrix", [0.0], [3.0])[0][0, 0])
+print(*(notice.code for notice in library.notices))
 print(sorted({"sympy", "casadi", "jinja2", "mpmath"} & set(sys.modules)))
 """
 
 
-def start(robots_folder, folder, project):
+def start(robots_folder, folder, project, **variables):
     command = [sys.executable, "-c", SCRIPT, str(robots_folder / "emps.toml"), str(folder)]
-    environment = {**os.environ, "PYTHONPATH": str(project)}
+    environment = {**os.environ, "PYTHONPATH": str(project), **variables}
     return subprocess.Popen(
         command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
@@ -123,7 +129,7 @@ def test_two_processes_at_once_and_then_a_hit_without_heavy_imports(robots_folde
         assert out.startswith("3.0")
     assert len(list(tmp_path.iterdir())) == 1
     out, err = start(robots_folder, tmp_path, project).communicate(timeout=100)
-    assert (out, err) == ("3.0\n[]\n", "")
+    assert (out, err) == ("3.0\n\n[]\n", "")
 
 
 def test_generated_code_that_does_not_compile_is_an_error_and_leaves_no_entry(
@@ -289,3 +295,246 @@ def test_a_compiler_that_compiles_nothing_is_said_and_numpy_is_used(tmp_path, mo
     assert library.backend == "python"
     assert [notice.code for notice in library.notices] == ["codegen.compiler-unusable"]
     assert "no math.h" in library.notices[0].text
+
+
+def seal_again(entry):
+    seal = json.loads((entry / "seal.json").read_text())
+    (entry / "seal.json").write_text(json.dumps({**seal, "files": cache_module._read_digests(entry)}))
+
+
+def test_processes_that_find_the_same_damage_all_get_a_library(robots_folder, tmp_path, project, c_compiler):
+    start(robots_folder, tmp_path, project).communicate(timeout=100)
+    (entry,) = tmp_path.iterdir()
+    (entry / "libsymid_emps.so").write_bytes(b"")
+    running = [start(robots_folder, tmp_path, project) for _ in range(4)]
+    said = []
+    for process in running:
+        out, err = process.communicate(timeout=100)
+        assert (process.returncode, err) == (0, "")
+        assert out.startswith("3.0")
+        said.append(out.splitlines()[1])
+    assert "codegen.cache-rebuilt" in said
+    assert [path.name for path in tmp_path.iterdir()] == [entry.name]
+    assert cache_module._find_damage(entry, json.loads((entry / "seal.json").read_text())["key"]) == ""
+
+
+def test_a_process_that_is_killed_leaves_no_entry(robots_folder, tmp_path, project, c_compiler, monkeypatch):
+    cache, mark = tmp_path / "cache", tmp_path / "reached"
+    slow = tmp_path / "bin" / "cc"
+    slow.parent.mkdir()
+    slow.write_text(f'#!/bin/sh\n[ "$1" = --version ] && echo cc 1 && exit 0\ntouch {mark}\nexec sleep 60\n')
+    slow.chmod(0o755)
+    path = f"{slow.parent}:{os.environ['PATH']}"
+    process = start(robots_folder, cache, project, PATH=path)
+    for _ in range(1000):
+        if mark.exists():
+            break
+        time.sleep(0.05)
+    process.send_signal(signal.SIGKILL)
+    process.communicate(timeout=100)
+    (remains,) = cache.iterdir()
+    assert remains.name.startswith(".new-")
+    out, err = start(robots_folder, cache, project).communicate(timeout=100)
+    assert (out.splitlines()[:2], err) == (["3.0", ""], "")
+    # Its makers could still be at work, until they are too old.
+    assert remains.exists()
+    os.utime(remains, (0, 0))
+    prepare(read_robot(robots_folder / "emps.toml"), cache)
+    assert not remains.exists()
+
+
+def replace_file(path, content):
+    """Put another file in the place of `path`: whoever has the old one mapped keeps it."""
+    path.unlink()
+    path.write_bytes(content)
+
+
+@pytest.mark.parametrize("sealed", [False, True])
+def test_a_library_that_does_not_load_is_made_again(robots_folder, tmp_path, project, c_compiler, sealed):
+    """Cut off, as a full disk leaves it; or no library at all, and the seal edited to say so."""
+    start(robots_folder, tmp_path, project).communicate(timeout=100)
+    (entry,) = tmp_path.iterdir()
+    path = entry / "libsymid_emps.so"
+    replace_file(path, b"no library" if sealed else path.read_bytes()[: path.stat().st_size // 2])
+    if sealed:
+        seal_again(entry)
+    for notice in ("codegen.cache-rebuilt", ""):
+        out, err = start(robots_folder, tmp_path, project).communicate(timeout=100)
+        assert (out.splitlines()[:2], err) == (["3.0", notice], "")
+
+
+def test_an_entry_with_a_manifest_and_a_seal_of_somebody_else_is_made_again(robot, tmp_path, c_compiler):
+    prepare(robot, tmp_path)
+    (entry,) = tmp_path.iterdir()
+    (entry / "manifest.json").write_text('{"symid": "1", "files": {}}')
+    seal_again(entry)
+    library, _ = prepare(robot, tmp_path)
+    assert [notice.code for notice in library.notices] == ["codegen.cache-rebuilt"]
+    assert "manifest" in library.notices[0].text
+    assert prepare(robot, tmp_path)[0].notices == ()
+
+
+def link_entry(entry):
+    shutil.move(entry, entry.parent / ".elsewhere")
+    entry.symlink_to(entry.parent / ".elsewhere")
+
+
+def link_library(entry):
+    shutil.move(entry / "libsymid_emps.so", entry.parent / ".elsewhere")
+    (entry / "libsymid_emps.so").symlink_to(entry.parent / ".elsewhere")
+
+
+def replace_by_file(entry):
+    shutil.rmtree(entry)
+    entry.write_text("x")
+
+
+FOREIGN = {
+    "a link": (link_entry, "it is a link or no file"),
+    "a linked library": (link_library, "libsymid_emps.so is a link or no file"),
+    "a pipe": (lambda entry: os.mkfifo(entry / "pipe"), "pipe is a link or no file"),
+    "a file": (replace_by_file, "it is no folder"),
+    "open to the group": (lambda entry: entry.chmod(0o770), "it may be written by others"),
+    "an open library": (
+        lambda entry: (entry / "libsymid_emps.so").chmod(0o646),
+        "libsymid_emps.so may be written by others",
+    ),
+    "an open seal": (lambda entry: (entry / "seal.json").chmod(0o666), "seal.json may be written by others"),
+}
+
+
+@pytest.mark.parametrize("foreign", sorted(FOREIGN))
+def test_what_others_may_have_written_is_not_loaded(robot, tmp_path, c_compiler, foreign):
+    prepare(robot, tmp_path)
+    (entry,) = tmp_path.iterdir()
+    change, text = FOREIGN[foreign]
+    change(entry)
+    library, said = prepare(robot, tmp_path)
+    assert said
+    assert [notice.code for notice in library.notices] == ["codegen.cache-rebuilt"]
+    assert text in library.notices[0].text
+    assert prepare(robot, tmp_path)[0].notices == ()
+    assert not list(tmp_path.glob(".old-*"))
+    if "link" in foreign:
+        assert (tmp_path / ".elsewhere").exists()
+
+
+def test_what_belongs_to_another_user_is_not_loaded(robot, tmp_path, c_compiler, monkeypatch):
+    prepare(robot, tmp_path)
+    (entry,) = tmp_path.iterdir()
+    assert find_distrust(entry) == ""
+    user = os.getuid()
+    monkeypatch.setattr(os, "getuid", lambda: user + 1)
+    assert find_distrust(entry) == "it belongs to another user"
+    with pytest.raises(OutputError, match="belongs to another user") as caught:
+        prepare(robot, tmp_path)
+    assert caught.value.notices[0].code == "output.cache"
+    # As on a system without owners.
+    monkeypatch.delattr(os, "getuid")
+    entry.chmod(0o777)
+    assert find_distrust(entry) == ""
+
+
+def test_a_folder_in_which_others_can_replace_entries_is_not_used(robot, tmp_path, c_compiler):
+    tmp_path.chmod(0o777)
+    with pytest.raises(OutputError, match="may be written by others; make it yours alone") as caught:
+        prepare(robot, tmp_path)
+    assert caught.value.notices[0].code == "output.cache"
+    assert list(tmp_path.iterdir()) == []
+    # As in /tmp, where others can add but not replace.
+    tmp_path.chmod(0o1777)
+    assert prepare(robot, tmp_path)[0].notices == ()
+
+
+def test_the_users_own_folder_is_closed_to_others(robot, tmp_path, monkeypatch, c_compiler):
+    (tmp_path / "symid").mkdir()
+    (tmp_path / "symid").chmod(0o775)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert prepare(robot, None)[0].notices == ()
+    assert stat.S_IMODE((tmp_path / "symid").stat().st_mode) == 0o755
+    assert len(list((tmp_path / "symid").iterdir())) == 1
+
+
+def test_entries_are_closed_to_others_whatever_the_umask(robot, tmp_path, c_compiler):
+    before = os.umask(0)
+    try:
+        prepare(robot, tmp_path / "cache")
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "cache").stat().st_mode) == 0o700
+    assert prepare(robot, tmp_path / "cache")[0].notices == ()
+    modes = {stat.S_IMODE(path.stat().st_mode) & 0o022 for path in (tmp_path / "cache").rglob("*")}
+    assert modes == {0}
+
+
+def write_processors(path, *, flags="fpu avx2", speed="3000.0"):
+    one = f"processor\t: %d\nmodel name\t: X 1\ncpu MHz\t\t: {speed}\nflags\t\t: {flags}\n\n"
+    path.write_text(one % 0 + one % 1)
+
+
+def test_the_key_names_the_processor_that_code_is_made_for(robot, tmp_path, monkeypatch, c_compiler):
+    told = tmp_path / "cpuinfo"
+    monkeypatch.setattr(compiler_module, "_PROCESSORS", told)
+
+    def find_key():
+        return find_library_key(robot, None, find_compiler(c_compiler, native=True))
+
+    write_processors(told)
+    assert find_processor() == "flags: fpu avx2\nmodel name: X 1"
+    key = find_key()
+    write_processors(told, speed="800.0")
+    assert find_key() == key
+    write_processors(told, flags="fpu avx2 avx512f")
+    assert find_key() != key
+    # Without what it can do, a processor is not known: no code is made for it.
+    for text in ("processor: 0\nmodel name: X 1\n", ""):
+        told.write_text(text)
+        assert find_compiler(c_compiler, native=True) == find_compiler(c_compiler)
+    told.unlink()
+    assert find_compiler(c_compiler, native=True) == find_compiler(c_compiler)
+
+
+def write_compiler(folder, c_compiler, refused):
+    """Return a compiler that tells what it was asked for, and may not know a flag."""
+    path = folder / "cc"
+    check = f'case "$*" in *{refused}*) echo unknown >&2; exit 1;; esac' if refused else ""
+    path.write_text(f'#!/bin/sh\necho "$@" >> {folder}/said\n{check}\nexec {c_compiler} "$@"\n')
+    path.chmod(0o755)
+    return path
+
+
+@pytest.mark.parametrize("refused", ["", "-march=native"])
+def test_code_is_made_for_the_processor_where_the_compiler_can(tmp_path, c_compiler, refused, monkeypatch):
+    told = tmp_path / "cpuinfo"
+    monkeypatch.setattr(compiler_module, "_PROCESSORS", told)
+    write_processors(told)
+    source = tmp_path / "one.c"
+    source.write_text("double one(double x) { return x + 1.0; }\n")
+    command = str(write_compiler(tmp_path, c_compiler, refused))
+    for native in (True, False):
+        (tmp_path / "said").unlink(missing_ok=True)
+        compile_sources(find_compiler(command, native=native), [source], tmp_path / "one.so")
+        (asked,) = (line for line in (tmp_path / "said").read_text().splitlines() if "one.c" in line)
+        assert ("-march=native" in asked) == (native and not refused)
+        assert "-ffp-contract=off" in asked
+        assert "fast-math" not in asked
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_code_for_the_processor_gives_the_same_bytes(robots_folder, tmp_path, compiler):
+    """No product is fused with a sum, whatever the processor can do."""
+    if find_compiler(compiler) is None:
+        pytest.skip(f"wants {compiler}")
+    robot, rng = read_robot(robots_folder / "puma560.toml"), np.random.default_rng(8)
+    q, dq, ddq = rng.uniform(-1, 1, (3, 64, 6))
+    found = []
+    for native in (True, False):
+        with pytest.MonkeyPatch.context() as patch:
+            if not native:
+                patch.setattr(compiler_module, "_PROCESSORS", tmp_path / "none")
+            library = prepare_library(robot, names=("torque_regressor",), cache=tmp_path, compiler=compiler)
+        bound = library.bind("torque_regressor")
+        one = np.array([bound(*state)[0] for state in zip(q, dq, ddq, strict=True)])
+        found.append((library.evaluate("torque_regressor", q, dq, ddq)[0].tobytes(), one.tobytes()))
+    assert len(list(tmp_path.iterdir())) == 2
+    assert found[0] == found[1]

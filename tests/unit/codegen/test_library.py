@@ -1,11 +1,14 @@
 """Libraries: only what was built from the folder's sources, and only calls that make sense."""
 
 import subprocess
+import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from symid.codegen.c_library import generate_c_library
+from symid.codegen.calls import check_outputs
 from symid.codegen.casadi_functions import build_functions
 from symid.codegen.library import load_library
 from symid.codegen.options import GenerateOptions
@@ -133,3 +136,121 @@ def test_the_status_of_a_bound_function_is_looked_at(folder, monkeypatch):
     with pytest.raises(GenerationError, match="returned the error code 1") as caught:
         library.bind("gravity")(np.ones(2), np.ones(len(library.card.beta)))
     assert caught.value.notices[0].code == "codegen.call-failed"
+
+
+def make_arrays(library, samples):
+    rng = np.random.default_rng(5)
+    q = rng.uniform(-1, 1, (*samples, 2))
+    return q, rng.uniform(1, 2, len(library.card.beta))
+
+
+@pytest.mark.parametrize("samples", [(), (1,), (1300,)])
+def test_outputs_go_into_the_arrays_of_the_caller(library, samples):
+    q, beta = make_arrays(library, samples)
+    (wanted,) = library.evaluate("mass_matrix", q, beta)
+    target = np.full((*samples, 2, 2), np.nan)
+    (found,) = library.evaluate("mass_matrix", q, beta, out=(target,))
+    assert found is target
+    np.testing.assert_array_equal(target, wanted)
+
+
+def test_a_batch_is_read_and_written_without_a_copy(folder):
+    """The largest block of memory that a call asks for, with arrays of the caller's, is no array."""
+    library = load_library(folder)
+    q, beta = make_arrays(library, (20000,))
+    target = np.empty((20000, 2, 2))
+    library.evaluate("mass_matrix", q, beta, out=(target,))
+    tracemalloc.start()
+    library.evaluate("mass_matrix", q, beta, out=(target,))
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 20000
+
+
+@pytest.mark.parametrize("shift", [0, 1])
+def test_inputs_that_are_outputs_are_copied_first(library, shift):
+    q, beta = make_arrays(library, (700,))
+    (wanted,) = library.evaluate("gravity", q, beta)
+    block = np.zeros((701, 2))
+    given, target = block[:700], block[shift : 700 + shift]
+    given[...] = q
+    library.evaluate("gravity", given, beta, out=(target,))
+    np.testing.assert_array_equal(target, wanted)
+
+
+def test_a_bound_function_writes_to_the_arrays_of_the_caller(library):
+    q, beta = make_arrays(library, ())
+    target = np.full(2, np.nan)
+    bound = library.bind("gravity", out=[target])
+    assert np.isnan(target).all()
+    assert bound(q, beta)[0] is target
+    np.testing.assert_array_equal(target, library.evaluate("gravity", q, beta)[0])
+
+
+def test_a_bound_function_returns_new_arrays(library):
+    q, beta = make_arrays(library, ())
+    bound = library.bind("gravity")
+    first = bound(q, beta)[0]
+    kept = first.copy()
+    bound(q + 1.0, beta)
+    np.testing.assert_array_equal(first, kept)
+
+
+def make_read_only():
+    array = np.empty(2)
+    array.setflags(write=False)
+    return array
+
+
+UNFIT = {
+    "one array": (np.empty(2), "expected a tuple of arrays"),
+    "too many": ((np.empty(2), np.empty(2)), "got 2 of them"),
+    "no array": (([0.0, 0.0],), "got a list"),
+    "single precision": ((np.empty(2, dtype=np.float32),), "<f4"),
+    "byte order": ((np.empty(2, dtype=">f8"),), ">f8"),
+    "shape": ((np.empty(3),), r"shape \(2,\), got the shape \(3,\)"),
+    "stride": ((np.empty(4)[::2],), "cannot be written in place"),
+    "read-only": ((make_read_only(),), "cannot be written in place"),
+    "unaligned": ((np.frombuffer(bytearray(17), dtype=np.float64, offset=1),), "cannot be written in place"),
+}
+
+
+@pytest.mark.parametrize("unfit", sorted(UNFIT))
+def test_arrays_that_cannot_take_outputs_are_refused(library, unfit):
+    out, text = UNFIT[unfit]
+    q, beta = make_arrays(library, ())
+    for call in (
+        lambda: library.evaluate("gravity", q, beta, out=out),
+        lambda: library.bind("gravity", out=out),
+    ):
+        with pytest.raises(UsageError, match=text) as caught:
+            call()
+        assert caught.value.notices[0].code == "usage.shape"
+
+
+def test_outputs_that_share_memory_are_refused(library):
+    card = library.card
+    port = replace(card.functions[0].outputs[0], shape=(2,))
+    spec = replace(card.functions[0], outputs=(port, replace(port, name="other")))
+    block = np.empty(3)
+    with pytest.raises(UsageError, match="share memory") as caught:
+        check_outputs(card, spec, None, (block[:2], block[1:]))
+    assert caught.value.notices[0].code == "usage.shape"
+    apart = (np.empty(2), np.empty(2))
+    assert check_outputs(card, spec, None, apart) == apart
+
+
+def test_a_float_library_gives_and_fills_arrays_of_doubles(made, tmp_path, build):
+    write_sources(generate_c_library(made["two_link"], GenerateOptions(precision="float")), tmp_path)
+    build(tmp_path, "shared")
+    library = load_library(tmp_path)
+    q, beta = make_arrays(library, ())
+    target = np.full(2, np.nan)
+    wanted = library.evaluate("gravity", q, beta)[0]
+    assert library.evaluate("gravity", q, beta, out=(target,))[0] is target
+    np.testing.assert_array_equal(target, wanted)
+    bound, keeping = library.bind("gravity"), library.bind("gravity", out=(target,))
+    target[...] = np.nan
+    assert bound(q, beta)[0].dtype == np.float64
+    np.testing.assert_array_equal(keeping(q, beta)[0], bound(q, beta)[0])
+    assert keeping(q, beta)[0] is target

@@ -6,7 +6,7 @@ import pytest
 from symid.codegen.functions import FunctionSpec, ModelCard, Port
 from symid.codegen.instructions import Op, Operations, Program, count_operations
 from symid.codegen.options import GenerateOptions
-from symid.codegen.printing import print_c
+from symid.codegen.printing_c import print_c
 from symid.codegen.program import build_program
 from symid.codegen.reference import build_references
 from symid.codegen.value_algebra import ValueAlgebra

@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 from jinja2 import Environment, meta
 
-from symid.codegen import c_contexts, friction_c, friction_state, python_module
+from symid.codegen import (
+    c_contexts,
+    c_parameters,
+    friction_c,
+    friction_state,
+    lanes,
+    python_call_source,
+    python_module,
+)
 from symid.codegen.options import GenerateOptions
 from symid.codegen.printing import find_literal
 from symid.codegen.templates import find_template_bytes, write_template
@@ -15,6 +23,9 @@ from symid.errors import GenerationError, UsageError
 CONTEXTS = {
     "c/header.h.jinja": c_contexts.HeaderContext,
     "c/function.c.jinja": c_contexts.FunctionContext,
+    "c/lanes.h.jinja": lanes.LanesContext,
+    "c/python_call.c.jinja": python_call_source.CallContext,
+    "c/parameters.c.jinja": c_parameters.ParametersContext,
     "c/info.c.jinja": c_contexts.InfoContext,
     "c/friction.h.jinja": friction_c.FrictionHeaderContext,
     "c/friction.c.jinja": friction_c.FrictionContext,
@@ -71,6 +82,9 @@ def test_options_are_checked():
     with pytest.raises(UsageError, match="double, float") as caught:
         GenerateOptions(precision="half")
     assert caught.value.notices[0].code == "usage.precision"
+    with pytest.raises(UsageError, match="own, library") as caught:
+        GenerateOptions(trigonometry="tables")
+    assert caught.value.notices[0].code == "usage.trigonometry"
     with pytest.raises(UsageError, match="at least one") as caught:
         GenerateOptions(states=0)
     assert caught.value.notices[0].code == "usage.states"

@@ -1,12 +1,23 @@
 """Sources reach a folder whole or not at all, and never over somebody else's files."""
 
 import json
+import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
+from symid.codegen.folder_exchange import exchange_folders
 from symid.codegen.writer import MANIFEST, SourceSet, find_digest, write_sources
 from symid.errors import OutputError
+
+
+@pytest.fixture
+def in_place(monkeypatch):
+    """Where folders cannot change places."""
+    monkeypatch.setattr("symid.codegen.writer.exchange_folders", lambda *_: False)
 
 
 def sources(**files):
@@ -95,6 +106,7 @@ def test_an_interrupted_first_write_leaves_nothing(tmp_path, monkeypatch):
     assert names(tmp_path) == []
 
 
+@pytest.mark.usefixtures("in_place")
 def test_an_interrupted_second_write_can_be_repeated(tmp_path, monkeypatch):
     out = tmp_path / "out"
     write_sources(sources(a="1", b="1"), out)
@@ -134,6 +146,7 @@ def test_the_current_folder_can_be_written(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("first", [True, False])
+@pytest.mark.usefixtures("in_place")
 def test_after_an_interrupted_update_another_one_needs_no_force(tmp_path, monkeypatch, first):
     out = tmp_path / "out"
     out.mkdir()
@@ -157,6 +170,7 @@ def test_after_an_interrupted_update_another_one_needs_no_force(tmp_path, monkey
     assert (out / "a.c").read_text() == "3"
 
 
+@pytest.mark.usefixtures("in_place")
 def test_after_an_interrupted_update_an_edited_file_is_still_told(tmp_path, monkeypatch):
     write_sources(sources(a="1", b="1"), tmp_path)
     with monkeypatch.context() as patch:
@@ -167,3 +181,127 @@ def test_after_an_interrupted_update_an_edited_file_is_still_told(tmp_path, monk
     with pytest.raises(OutputError, match="was edited") as caught:
         write_sources(sources(a="3", b="3"), tmp_path)
     assert code(caught) == ["output.edited-file"]
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from symid.codegen import writer
+from symid.codegen.writer import SourceSet, write_sources
+import json
+
+calls, last = 0, int(sys.argv[2])
+
+def count(event, arguments):
+    # Everything that touches files, one after another: the process dies before the one of this number.
+    global calls
+    if event != "os.kill" and event.startswith(("open", "os.", "shutil.", "ctypes.")):
+        calls += 1
+        if calls > last:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+files = tuple((name, "2") for name in ("a.c", "b.c", "deep/c.c", "new.c"))
+digests = {path: writer.find_digest(text.encode()) for path, text in files}
+sources = SourceSet(name="x", files=files, manifest=json.dumps({"symid": "0", "files": digests}))
+sys.addaudithook(count)
+write_sources(sources, Path(sys.argv[1]))
+last = 10**9
+print("written")
+"""
+
+
+def run_killed(folder, number, project):
+    environment = {**os.environ, "PYTHONPATH": str(project)}
+    command = [sys.executable, "-c", KILLED, str(folder), str(number)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode in {0, -signal.SIGKILL}, done.stderr
+    return done.returncode == 0
+
+
+def read_texts(folder):
+    files = (path for path in sorted(folder.rglob("*")) if path.is_file() and path.name != MANIFEST)
+    return {path.relative_to(folder).as_posix(): path.read_text() for path in files}
+
+
+OLD = {"a.c": "1", "b.c": "1", "stale.c": "1"}
+NEW = {"a.c": "2", "b.c": "2", "deep/c.c": "2", "new.c": "2"}
+OWN = {"mine.c": "mine", "own/notes.txt": "mine"}
+
+
+def prepare_old(folder):
+    folder.mkdir()
+    digests = {path: find_digest(text.encode()) for path, text in OLD.items()}
+    manifest = json.dumps({"symid": "0", "files": digests})
+    write_sources(SourceSet(name="x", files=tuple(OLD.items()), manifest=manifest), folder)
+    (folder / "own").mkdir()
+    for path, text in OWN.items():
+        (folder / path).write_text(text)
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_a_killed_write_leaves_the_old_folder_or_the_new_one(tmp_path, project, first):
+    """Killed without warning before each of its steps in turn; the last run gets through."""
+    pair = [tmp_path / name for name in ("one", "other")]
+    for place in pair:
+        place.mkdir()
+    if not exchange_folders(*pair):
+        pytest.skip("wants a system and a file system on which two folders can change places in one step")
+    seen = set()
+    for number in range(0, 400, 3):
+        folder = tmp_path / str(number) / "out"
+        folder.parent.mkdir()
+        if not first:
+            prepare_old(folder)
+        through = run_killed(folder, number, project)
+        if first:
+            assert not folder.exists() or read_texts(folder) == NEW
+            seen.add(folder.exists())
+        else:
+            found = read_texts(folder)
+            assert found in ({**OLD, **OWN}, {**NEW, **OWN})
+            listed = json.loads((folder / MANIFEST).read_text())["files"]
+            assert {
+                path: find_digest(text.encode()) for path, text in found.items() if path in listed
+            } == listed
+            seen.add("new.c" in found)
+        if through:
+            break
+        assert run_killed(folder, 10**6, project)
+        assert read_texts(folder) == (NEW if first else {**NEW, **OWN})
+    assert through
+    assert seen == {True, False}
+
+
+def test_an_update_leaves_files_of_others_the_same_ones(tmp_path):
+    out = tmp_path / "out"
+    prepare_old(out)
+    (out / "link").symlink_to("own/notes.txt")
+    (out / "own").chmod(0o750)
+    out.chmod(0o750)
+    before = (out / "mine.c").stat()
+    write_sources(sources(a="3"), out)
+    assert names(out) == ["a.c", "link", MANIFEST, "mine.c", "own"]
+    assert (out / "link").readlink() == Path("own/notes.txt")
+    after = (out / "mine.c").stat()
+    assert (after.st_ino, after.st_mtime_ns, after.st_nlink) == (before.st_ino, before.st_mtime_ns, 1)
+    assert [path.stat().st_mode & 0o777 for path in (out, out / "own")] == [0o750, 0o750]
+    assert names(tmp_path) == ["out"]
+
+
+def test_what_cannot_go_along_stays_where_it_is(tmp_path):
+    out = tmp_path / "out"
+    prepare_old(out)
+    os.mkfifo(out / "pipe")
+    before = out.stat().st_ino
+    write_sources(sources(a="3"), out)
+    assert out.stat().st_ino == before
+    assert names(out) == ["a.c", MANIFEST, "mine.c", "own", "pipe"]
+    assert names(tmp_path) == ["out"]
+
+
+def test_the_working_folder_stays_the_same_one(tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    prepare_old(out)
+    monkeypatch.chdir(out / "own")
+    write_sources(sources(a="3"), out)
+    assert Path("../a.c").read_text() == "3"

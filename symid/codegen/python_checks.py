@@ -1,0 +1,81 @@
+"""The self-test of a NumPy module.
+
+Input: programs and their reference values. Output: the tables of the module's template, as Python text.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from symid.codegen.functions import Port
+from symid.codegen.instructions import Program
+from symid.codegen.reference import Reference
+from symid.codegen.sample_states import PER_UNIT
+
+__all__ = ["ModuleState", "ModuleTest", "build_module_states", "build_module_tests"]
+
+Rows = Sequence[Sequence[float]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModuleState:
+    """An input at all states, or one that they share; functions use it by its name and size."""
+
+    name: str
+    shared: bool
+    lines: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModuleTest:
+    """Inputs of one function by name, and its reference outputs."""
+
+    name: str
+    inputs: str
+    outputs: tuple[str, ...]
+
+
+def _name_input(port: Port) -> str:
+    return port.name if port.shared else f"{port.name}_{port.size}"
+
+
+def _write_rows(rows: Rows) -> tuple[str, ...]:
+    return ("[", *(f"    {list(row)!r}," for row in rows), "]")
+
+
+def _write_state(port: Port, rows: Rows) -> ModuleState:
+    if port.shared:
+        return ModuleState(name=_name_input(port), shared=True, lines=(repr(list(rows[0])),))
+    thousandths = [[round(value * PER_UNIT) for value in row] for row in rows]
+    return ModuleState(name=_name_input(port), shared=False, lines=_write_rows(thousandths))
+
+
+def build_module_states(
+    programs: Sequence[Program], references: Sequence[Reference]
+) -> tuple[ModuleState, ...]:
+    """Return every input that a function is given, once."""
+    found: dict[str, ModuleState] = {}
+    for program, reference in zip(programs, references, strict=True):
+        for port, rows in zip(program.spec.inputs, reference.inputs, strict=True):
+            if _name_input(port) not in found:
+                found[_name_input(port)] = _write_state(port, rows)
+    return tuple(found.values())
+
+
+def _build_test(program: Program, reference: Reference) -> ModuleTest:
+    def write(rows: Rows) -> str:
+        return f"np.array({[list(row) for row in rows]!r})"
+
+    tables = zip(reference.whole, reference.sums, reference.scales, strict=True)
+    return ModuleTest(
+        name=program.spec.name,
+        inputs=repr(tuple(map(_name_input, program.spec.inputs))),
+        outputs=tuple(f"({write(whole)}, {write(sums)}, {scale!r})" for whole, sums, scale in tables),
+    )
+
+
+def build_module_tests(
+    programs: Sequence[Program], references: Sequence[Reference]
+) -> tuple[ModuleTest, ...]:
+    """Return the tables of every function."""
+    pairs = zip(programs, references, strict=True)
+    return tuple(_build_test(program, reference) for program, reference in pairs)

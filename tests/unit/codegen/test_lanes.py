@@ -1,0 +1,245 @@
+"""Sines of several angles at once and blocks of samples side by side: against mpmath, and for every width."""
+
+import ctypes
+import math
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import mpmath
+import numpy as np
+import pytest
+
+from symid.codegen.c_library import generate_c_library
+from symid.codegen.casadi_functions import build_functions
+from symid.codegen.compiler import find_compiler
+from symid.codegen.functions import FunctionSpec, Port
+from symid.codegen.instructions import Op, Program
+from symid.codegen.lanes import write_lanes
+from symid.codegen.options import GenerateOptions
+from symid.codegen.printing_c import find_angles, print_c, print_lanes
+from symid.codegen.values import ValueTable
+from symid.codegen.writer import write_sources
+from symid.formats.toml import read_robot
+from symid.resources import find_resource_folder
+
+COMPILER = find_compiler()
+needs_compiler = pytest.mark.skipif(COMPILER is None, reason="wants a C compiler: install gcc")
+WIDTHS = (1, 2, 4, 8)
+ONE_BY_ONE = ("-O2", "-DTEST_LANES=1", "-DTEST_ONE_BY_ONE")
+"""What processors without registers for vectors get."""
+TYPES = {"double": (ctypes.c_double, np.float64, 1e6), "float": (ctypes.c_float, np.float32, 1e4)}
+CALLER = """
+#include "lanes.h"
+#include "caller.h"
+void call(size_t n, const real *x, real *s, real *c)
+{
+    for (size_t k = 0; k < n; k += 8) {
+        const real *y = x + k;
+        const lanes angles[ROOM(8)] = {EIGHT(y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7])};
+        lanes sines[ROOM(8)];
+        lanes cosines[ROOM(8)];
+        find_sines(COUNT(8), angles, sines, cosines);
+        for (size_t i = 0; i < 8; ++i) {
+            s[k + i] = AT(sines, i);
+            c[k + i] = AT(cosines, i);
+        }
+    }
+}
+"""
+
+
+def build(folder: Path, precision: str, *flags: str):
+    (folder / "lanes.h").write_text(write_lanes("TEST", precision))
+    (folder / "caller.h").write_text(f"typedef {precision} real;\n")
+    (folder / "caller.c").write_text(CALLER)
+    target = folder / f"lib{abs(hash(flags))}.so"
+    warnings = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Wshadow", "-Werror")
+    command = (
+        COMPILER.path,
+        "-std=c99",
+        *warnings,
+        *flags,
+        "-fPIC",
+        "-shared",
+        "caller.c",
+        "-o",
+        target,
+        "-lm",
+    )
+    subprocess.run(command, cwd=folder, check=True)
+    shared, kind = ctypes.CDLL(str(target)), TYPES[precision][1]
+
+    def call(angles):
+        x = np.ascontiguousarray(angles, dtype=kind)
+        outputs = np.empty_like(x), np.empty_like(x)
+        places = [ctypes.c_void_p(array.ctypes.data) for array in (x, *outputs)]
+        shared.call(ctypes.c_size_t(x.size), *places)
+        return outputs
+
+    return call
+
+
+def find_units(values, exact, kind):
+    """Return errors in units in the last place of the exact values (those of 2^-60 for ever smaller ones)."""
+    size = np.abs(np.array([float(v) for v in exact], dtype=kind))
+    units = np.spacing(np.maximum(size, kind(2.0**-60))).astype(np.float64)
+    errors = [abs(mpmath.mpf(float(value)) - x) for value, x in zip(values, exact, strict=True)]
+    return np.array([float(error) for error in errors]) / units
+
+
+def draw_angles(precision: str) -> np.ndarray:
+    _, kind, limit = TYPES[precision]
+    rng = np.random.default_rng(7)
+    quarters = np.arange(-200, 200) * (math.pi / 2)
+    far = np.round(rng.uniform(-limit, limit, 200) / (math.pi / 2)) * (math.pi / 2)
+    plain = [rng.uniform(-reach, reach, 600) for reach in (0.8, 4.0, 30.0, limit)]
+    near = [kind(quarters), np.nextafter(kind(quarters), kind(9e9)), kind(far)]
+    small = rng.uniform(-1, 1, 96) * 10.0 ** rng.uniform(-30, 0, 96)
+    angles = np.concatenate([*plain, *near, small, [0.0, limit, -limit]]).astype(kind)
+    return np.concatenate([angles, np.zeros(-angles.size % 8, dtype=kind)])
+
+
+@needs_compiler
+@pytest.mark.parametrize("precision", TYPES)
+@pytest.mark.parametrize(
+    "flags", [("-O0",), ("-O2",), ("-O2", "-march=native"), ("-O3", "-ffp-contract=off"), ONE_BY_ONE]
+)
+def test_sines_err_by_less_than_two_units(tmp_path, precision, flags):
+    kind = TYPES[precision][1]
+    angles = draw_angles(precision)
+    sines, cosines = build(tmp_path, precision, *flags)(angles)
+    with mpmath.workdps(60):
+        exact = [mpmath.mpf(float(x)) for x in angles]
+        worst = [
+            np.max(find_units(found, [function(x) for x in exact], kind))
+            for found, function in ((sines, mpmath.sin), (cosines, mpmath.cos))
+        ]
+    assert max(worst) < 2.0
+
+
+@needs_compiler
+@pytest.mark.parametrize("precision", TYPES)
+def test_every_width_gives_the_same_digits(tmp_path, precision):
+    angles = draw_angles(precision)
+    flags = ("-O2", "-ffp-contract=off", "-Wno-psabi")
+    first, *others = (build(tmp_path, precision, *flags, f"-DTEST_LANES={width}")(angles) for width in WIDTHS)
+    for other in others:
+        np.testing.assert_array_equal(other, first)
+
+
+@needs_compiler
+@pytest.mark.parametrize("precision", TYPES)
+@pytest.mark.parametrize(
+    "flags",
+    [("-O2",), ("-O2", "-DTEST_LANES=1"), ("-O2", "-DTEST_LIBRARY_SINES", "-DTEST_LANES=1"), ONE_BY_ONE],
+)
+def test_angles_that_are_far_or_none(tmp_path, precision, flags):
+    _, kind, limit = TYPES[precision]
+    with np.errstate(over="ignore"):
+        angles = np.array([limit * 1.01, -1e15, 1e30, 3e38, 1.0, np.nan, np.inf, -np.inf]).astype(kind)
+    sines, cosines = build(tmp_path, precision, *flags)(angles)
+    with mpmath.workdps(60):
+        exact = [mpmath.mpf(float(x)) for x in angles[:5]]
+        assert np.max(find_units(sines[:5], [mpmath.sin(x) for x in exact], kind)) < 2.0
+        assert np.max(find_units(cosines[:5], [mpmath.cos(x) for x in exact], kind)) < 2.0
+    assert np.isnan(sines[5:]).all()
+    assert np.isnan(cosines[5:]).all()
+
+
+@needs_compiler
+@pytest.mark.parametrize(("precision", "allowed"), [("double", 3e-15), ("float", 2e-6)])
+@pytest.mark.parametrize("flags", [("-ffast-math",), ("-ffast-math", "-fno-finite-math-only")])
+def test_relaxed_arithmetic_costs_some_digits_and_no_more(tmp_path, precision, allowed, flags):
+    angles = np.linspace(-20.0, 20.0, 800).astype(TYPES[precision][1])
+    sines, cosines = build(tmp_path, precision, "-O3", "-march=native", *flags)(angles)
+    exact = angles.astype(np.float64)
+    np.testing.assert_allclose(sines, np.sin(exact), rtol=0, atol=allowed)
+    np.testing.assert_allclose(cosines, np.cos(exact), rtol=0, atol=allowed)
+
+
+@needs_compiler
+@pytest.mark.parametrize("width", WIDTHS)
+def test_batches_of_every_width_agree_with_single_samples(tmp_path, width):
+    functions = build_functions(read_robot(find_resource_folder("robots") / "puma560.toml"))
+    write_sources(generate_c_library(functions), tmp_path / "code")
+    flags = f"-O1 -Wno-psabi -DSYMID_PUMA560_LANES={width}"
+    done = subprocess.run(
+        ("make", "check", f"CC={COMPILER.path}", f"CFLAGS={flags}"),
+        cwd=tmp_path / "code",
+        check=False,
+        capture_output=True,
+        text=True,
+    )
+    assert done.stdout.endswith("0 of 15 functions failed\n"), done.stdout + done.stderr
+
+
+def build_program(table: ValueTable, *refs: int) -> Program:
+    port = Port(name="y", shape=(len(refs),), unit="", meaning="")
+    inputs = (Port(name="x", shape=(9,), unit="", meaning=""),)
+    instructions, outputs = table.collect([list(refs)])
+    spec = FunctionSpec(name="f", inputs=inputs, outputs=(port,), meaning="")
+    return Program(spec=spec, instructions=instructions, outputs=outputs)
+
+
+def test_angles_are_what_comes_from_inputs_alone():
+    table = ValueTable()
+    x, y = table.input(0, 0), table.input(0, 1)
+    turned = table.add(y, table.constant(0.5))
+    inner = table.apply(Op.SIN, x)
+    program = build_program(
+        table, table.apply(Op.SIN, inner), table.apply(Op.COS, turned), table.mul(x, inner)
+    )
+    angles = find_angles(program)
+    assert list(angles.places.values()) == [0, 1]
+    text = "\n".join(print_c(program, "double", together=True).statements)
+    assert "EIGHT(x[0], t" in text
+    assert " = sin(t" in text
+    assert " = AT(cosines, 1);" in text
+    assert print_lanes(program, "double") == (), "a sine of a sine calls the library, one sample at a time"
+
+
+def test_programs_with_other_functions_have_no_block():
+    table = ValueTable()
+    x = table.input(0, 0)
+    assert print_lanes(build_program(table, table.apply(Op.TANH, x)), "double") == ()
+    assert print_lanes(build_program(table, table.mul(x, x)), "double") == (
+        "const lanes x0 = GATHER(x + 9 * k, 9);",
+        f"const lanes t{2} = x0 * x0;",
+        "store_one(y + 1 * k, 1, t2);",
+    )
+
+
+def test_outputs_are_written_as_soon_as_they_are_there():
+    table = ValueTable()
+    x, y = table.input(0, 0), table.input(0, 1)
+    first = table.mul(x, y)
+    statements = print_c(build_program(table, first, table.mul(first, x), -y), "double").statements
+    assert [text.split(" = ")[0] for text in statements] == [
+        "const double t3",
+        "y[0]",
+        "const double t4",
+        "y[1]",
+        "y[2]",
+    ]
+
+
+def test_library_sines_are_calls(tmp_path):
+    functions = build_functions(read_robot(find_resource_folder("robots") / "two_link.toml"))
+    own, library = (
+        dict(generate_c_library(functions, GenerateOptions(trigonometry=kind)).files)
+        for kind in ("own", "library")
+    )
+    name = "symid_two_link_gravity.c"
+    assert " sin(" not in own[name]
+    assert " = sin(q[0]);" in library[name]
+    assert set(own) - set(library) == {"symid_two_link_lanes.h"}
+    assert "symid_two_link_lanes.h" not in own["CMakeLists.txt"], "it is not installed"
+    assert "symid_two_link_lanes.h" in own["Makefile"]
+
+
+def test_lanes_of_another_precision_differ():
+    texts = [write_lanes("A", precision) for precision in TYPES]
+    assert "sinf(" in texts[1]
+    assert "sinf(" not in texts[0]
+    assert replace(GenerateOptions(), precision="float").trigonometry == "own"

@@ -1,0 +1,376 @@
+"""Built-in functions over compiled code: the bytes of the call through ctypes, or no built-in function."""
+
+import contextlib
+import ctypes
+import gc
+import shutil
+import subprocess
+import sys
+import threading
+import weakref
+from types import BuiltinFunctionType
+
+import numpy as np
+import pytest
+
+from symid.codegen import python_call
+from symid.codegen.cache import prepare_library
+from symid.codegen.functions import FunctionSpec, ModelCard, Port
+from symid.codegen.library import load_library
+from symid.codegen.python_call import find_python_call
+from symid.codegen.python_call_source import write_python_call
+from symid.errors import UsageError
+from symid.formats.toml import read_robot
+
+NAMES = ("gravity", "inverse_dynamics", "forward_kinematics", "mass_matrix", "energy")
+STRICT = (
+    *("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion"),
+    *("-Wmissing-prototypes", "-Wshadow", "-Werror"),
+)
+
+
+@pytest.fixture(scope="module")
+def library(project, c_compiler, tmp_path_factory):
+    robot = read_robot(project / "robots" / "two_link.toml")
+    return prepare_library(robot, names=NAMES, cache=tmp_path_factory.mktemp("cache"))
+
+
+@pytest.fixture
+def fresh(monkeypatch):
+    """Look at the interpreter again, and forget afterwards what was found."""
+    python_call._find_services.cache_clear()
+    yield monkeypatch
+    monkeypatch.undo()
+    python_call._find_services.cache_clear()
+
+
+def draw(spec, seed):
+    rng = np.random.default_rng(seed)
+    return [rng.uniform(-1, 1, port.shape) + 2.0 * port.shared for port in spec.inputs]
+
+
+def find_spec(library, name):
+    return next(spec for spec in library.card.functions if spec.name == name)
+
+
+def read_bytes(arrays):
+    return [(array.shape, array.dtype, array.tobytes()) for array in arrays]
+
+
+needs_cpython = pytest.mark.skipif(
+    sys.implementation.name != "cpython" or object.__basicsize__ != 16,
+    reason="wants CPython for 64 bits with its global lock",
+)
+
+
+@needs_cpython
+@pytest.mark.parametrize("name", NAMES)
+def test_a_built_in_function_gives_the_bytes_of_the_call_through_ctypes(library, name):
+    bound, spec = library.bind(name), find_spec(library, name)
+    assert type(bound) is BuiltinFunctionType
+    assert bound.__name__ == name
+    slowly = library._bind_slowly(spec)
+    for seed in range(20):
+        values = draw(spec, seed)
+        assert read_bytes(bound(*values)) == read_bytes(slowly(*values))
+        assert read_bytes(bound(*values)) == read_bytes(library.evaluate(name, *values))
+
+
+def test_each_call_returns_new_arrays(library):
+    bound, beta = library.bind("gravity"), np.ones(len(library.card.beta))
+    first = bound(np.array([0.1, 0.2]), beta)[0]
+    kept = first.copy()
+    second = bound(np.array([1.1, 0.2]), beta)[0]
+    assert second.base is None
+    np.testing.assert_array_equal(first, kept)
+    assert not np.array_equal(first, second)
+
+
+def test_arrays_of_the_caller_are_written_and_returned(library):
+    beta, torque = np.ones(len(library.card.beta)), np.full(2, np.nan)
+    bound = library.bind("gravity", out=(torque,))
+    assert np.isnan(torque).all()
+    for values in ([0.1, 0.2], np.array([0.3, 0.4])):
+        (found,) = bound(values, beta)
+        assert found is torque
+        np.testing.assert_array_equal(torque, library.bind("gravity")(values, beta)[0])
+
+
+def test_an_input_may_be_an_output(library):
+    """The code may assume that they are apart: what is not must be copied before."""
+    beta, state = np.ones(len(library.card.beta)), np.array([0.3, 0.4])
+    (wanted,) = library.evaluate("gravity", state.copy(), beta)
+    library.bind("gravity", out=(state,))(state, beta)
+    np.testing.assert_array_equal(state, wanted)
+    block = np.array([0.3, 0.4, 0.0])
+    library.bind("gravity", out=(block[1:],))(block[:2], beta)
+    np.testing.assert_array_equal(block[1:], wanted)
+
+
+class Labelled(np.ndarray):
+    """A subclass, as users have them."""
+
+
+def make_unaligned(values):
+    memory = bytearray(values.nbytes + 1)
+    memory[1:] = values.tobytes()
+    return np.frombuffer(memory, dtype=np.float64, offset=1).reshape(values.shape)
+
+
+def freeze(values):
+    values = values.copy()
+    values.setflags(write=False)
+    return values
+
+
+UNUSUAL = {
+    "list": list,
+    "tuple": tuple,
+    "integers": lambda values: np.round(values).astype(np.int64),
+    "float32": lambda values: values.astype(np.float32),
+    "other byte order": lambda values: values.astype(">f8"),
+    "every second": lambda values: np.repeat(values, 2)[::2],
+    "backwards": lambda values: values[::-1],
+    "subclass": lambda values: values.view(Labelled),
+    "unaligned": make_unaligned,
+    "read-only": freeze,
+    "memoryview": memoryview,
+}
+
+
+@pytest.mark.parametrize("kind", sorted(UNUSUAL))
+def test_what_is_unusual_is_converted_as_ever(library, kind):
+    bound, spec = library.bind("inverse_dynamics"), find_spec(library, "inverse_dynamics")
+    values = draw(spec, 1)
+    for place in range(len(values)):
+        given = [UNUSUAL[kind](v) if k == place else v for k, v in enumerate(values)]
+        plain = [np.ascontiguousarray(np.asarray(v, dtype=np.float64)) for v in given]
+        assert read_bytes(bound(*given)) == read_bytes(library.evaluate("inverse_dynamics", *plain))
+
+
+WRONG = {
+    "nothing": (),
+    "too few": (np.ones(2),),
+    "too many": (np.ones(2),) * 9,
+    "a number": (0.5, None),
+    "none": (None, None),
+    "a shape": (np.ones(3), None),
+    "two axes": (np.ones((1, 2)), None),
+    "text": (np.array(["1", "2"]), None),
+    "complex": (np.ones(2) + 1j, None),
+}
+
+
+@pytest.mark.parametrize("wrong", sorted(WRONG))
+def test_what_is_wrong_is_refused_as_ever(library, wrong):
+    beta = np.ones(len(library.card.beta))
+    given = [beta if value is None and k else value for k, value in enumerate(WRONG[wrong])]
+    with pytest.raises(UsageError) as caught:
+        library.bind("gravity")(*given)
+    assert caught.value.notices[0].code == "usage.shape"
+
+
+def test_no_reference_is_lost_or_kept(library):
+    bound, spec = library.bind("inverse_dynamics"), find_spec(library, "inverse_dynamics")
+    values, unusual, shape = draw(spec, 2), [list(v) for v in draw(spec, 2)], spec.outputs[0].shape
+    out = (np.empty(shape),)
+    keeping = library.bind("inverse_dynamics", out=out)
+    watched = [*values, *unusual, out, *out, np.empty, np.dtype(np.float64), bound]
+    gc.collect()
+    before = [sys.getrefcount(value) for value in watched]
+    for _ in range(1000):
+        bound(*values), bound(*unusual), keeping(*values), keeping(*unusual)
+        with contextlib.suppress(UsageError):
+            bound(values[0])
+    gc.collect()
+    after = [sys.getrefcount(value) for value in watched]
+    # Of a thousand rounds; arrays of others, which share their type, come and go.
+    assert max(abs(a - b) for a, b in zip(after, before, strict=True)) < 500
+    counts = []
+    for call in (bound, library._bind_slowly(spec)):
+        found = call(*values)
+        (torque,) = found
+        counts.append((sys.getrefcount(found), sys.getrefcount(torque)))
+    assert counts[0] == counts[1]
+
+
+def test_all_that_a_call_reads_lives_and_dies_with_the_function(library):
+    class Asked:
+        def __init__(self, call):
+            self.call = call
+
+        def __call__(self, *values):
+            return self.call(*values)
+
+    spec = find_spec(library, "gravity")
+    asked = Asked(library._bind_slowly(spec))
+    watched = weakref.ref(asked)
+    bound = find_python_call(library._shared, library._prefix, spec, asked)
+    if bound is None:
+        pytest.skip("wants CPython for 64 bits with its global lock")
+    del asked
+    gc.collect()
+    values = draw(spec, 3)
+    assert read_bytes(bound(*map(list, values))) == read_bytes(library.evaluate("gravity", *values))
+    del bound
+    gc.collect()
+    assert watched() is None
+
+
+def test_one_function_in_many_threads(library):
+    bound, spec = library.bind("inverse_dynamics"), find_spec(library, "inverse_dynamics")
+    wrong = []
+
+    def run(seed):
+        values = draw(spec, seed)
+        wanted = read_bytes(library.evaluate("inverse_dynamics", *values))
+        wrong.extend(seed for _ in range(2000) if read_bytes(bound(*values)) != wanted)
+
+    threads = [threading.Thread(target=run, args=(seed,)) for seed in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert type(bound) is not BuiltinFunctionType or wrong == []
+
+
+def check_fallback(library):
+    """The functions are there, through ctypes, and give what they must."""
+    bound, spec = library.bind("inverse_dynamics"), find_spec(library, "inverse_dynamics")
+    assert type(bound) is not BuiltinFunctionType
+    values = draw(spec, 4)
+    assert read_bytes(bound(*values)) == read_bytes(library.evaluate("inverse_dynamics", *values))
+
+
+def test_another_interpreter_goes_through_ctypes(library, fresh):
+    fresh.setattr(sys.implementation, "name", "another")
+    check_fallback(library)
+
+
+def test_an_interpreter_with_a_larger_head_goes_through_ctypes(library, fresh):
+    """As free-threaded and tracing builds have it."""
+
+    class Larger(ctypes.Structure):
+        _fields_ = (("thread", ctypes.c_size_t), *python_call._Object._fields_)
+
+    fresh.setattr(python_call, "_Object", Larger)
+    check_fallback(library)
+
+
+def test_an_interpreter_without_a_service_goes_through_ctypes(library, fresh):
+    fresh.setattr(python_call, "_SERVICES", (*python_call._SERVICES[:-1], "PyNothing_OfThisName"))
+    check_fallback(library)
+
+
+FIELDS = python_call._Array._fields_
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        [FIELDS[0], ("new", ctypes.c_size_t), *FIELDS[1:]],
+        [FIELDS[0], FIELDS[3], FIELDS[2], FIELDS[1], *FIELDS[4:]],
+        [*FIELDS[:3], FIELDS[4], FIELDS[3], *FIELDS[5:]],
+        [*FIELDS[:5], FIELDS[6], FIELDS[5], FIELDS[7]],
+        [*FIELDS[:7], ("new", ctypes.c_size_t), FIELDS[7]],
+        [*FIELDS, ("more", ctypes.c_char * np.ndarray.__basicsize__)],
+    ],
+)
+def test_arrays_that_are_laid_out_in_another_way_go_through_ctypes(library, fresh, fields):
+    other = type("Other", (ctypes.Structure,), {"_fields_": fields})
+    fresh.setattr(python_call, "_Array", other)
+    check_fallback(library)
+
+
+def test_a_structure_of_another_size_goes_through_ctypes(library, fresh):
+    class Larger(python_call._Bound):
+        _fields_ = (("more", ctypes.c_size_t),)
+
+    fresh.setattr(python_call, "_Bound", Larger)
+    check_fallback(library)
+
+
+@pytest.mark.parametrize("most", ["_MOST_PORTS", "_MOST_AXES"])
+def test_a_function_beyond_the_declarations_goes_through_ctypes(library, fresh, most):
+    fresh.setattr(python_call, most, 0)
+    check_fallback(library)
+
+
+def test_a_function_that_disagrees_with_ctypes_is_not_used(library):
+    spec = find_spec(library, "gravity")
+    right = library._bind_slowly(spec)
+    answers = {
+        "next": lambda *values: (np.nextafter(right(*values)[0], np.inf),),
+        "shape": lambda *values: (right(*values)[0][None],),
+        "count": lambda *values: (*right(*values), np.zeros(1)),
+    }
+    for ask in answers.values():
+        assert find_python_call(library._shared, library._prefix, spec, ask) is None
+
+
+def test_a_library_without_the_calls_goes_through_ctypes(library, project, tmp_path, c_compiler):
+    """What `make shared` builds stands without Python."""
+    from symid.codegen.c_library import generate_c_library
+    from symid.codegen.casadi_functions import build_functions
+    from symid.codegen.writer import write_sources
+
+    robot = read_robot(project / "robots" / "two_link.toml")
+    write_sources(generate_c_library(build_functions(robot, names=NAMES)), tmp_path / "c")
+    command = ["make", "-s", f"CC={c_compiler}", "shared"]
+    subprocess.run(command, cwd=tmp_path / "c", check=True, capture_output=True)
+    check_fallback(load_library(tmp_path / "c"))
+
+
+def make_card():
+    def port(name, shape):
+        return Port(name=name, shape=shape, unit="", meaning="")
+
+    inputs = (port("x", (2,)), port("none", (0,)))
+    spec = FunctionSpec(name="twice", inputs=inputs, outputs=(port("y", (2,)),), meaning="twice x")
+    return ModelCard(robot="t", signature="", joints=(), beta=(), friction=(), functions=(spec,))
+
+
+HEADER = "int t_twice(const double *x, const double *none, double *y);\n"
+SOURCE = """#include "t.h"
+int t_twice(const double *x, const double *none, double *y)
+{
+    (void)none;
+    y[0] = 2.0 * x[0];
+    y[1] = 2.0 * x[1];
+    return x[0] > 3.0;
+}
+"""
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_the_source_compiles_without_a_warning_and_hands_an_error_to_python(tmp_path, compiler):
+    if shutil.which(compiler) is None:
+        pytest.skip(f"wants {compiler}")
+    card = make_card()
+    (tmp_path / "t.h").write_text(HEADER)
+    (tmp_path / "twice.c").write_text(SOURCE)
+    (tmp_path / "python_call.c").write_text(write_python_call(card, "t"))
+    command = [compiler, *STRICT, "-fPIC", "-shared", "twice.c", "python_call.c", "-o", "t.so"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    asked = []
+
+    def ask(*values):
+        asked.append(values)
+        x = np.asarray(values[0], dtype=np.float64)
+        if x[0] > 3.0:
+            message = "refused"
+            raise ValueError(message)
+        return (2.0 * x,)
+
+    bound = find_python_call(ctypes.CDLL(str(tmp_path / "t.so")), "t", card.functions[0], ask)
+    if bound is None:
+        pytest.skip("wants CPython for 64 bits with its global lock")
+    asked.clear()
+    np.testing.assert_array_equal(bound(np.array([1.0, 2.0]), np.empty(0))[0], [2.0, 4.0])
+    assert asked == []
+    with pytest.raises(ValueError, match="refused"):
+        bound(np.array([4.0, 2.0]), np.empty(0))
+    assert len(asked) == 1
+    with pytest.raises(TypeError):
+        bound(x=np.ones(2), none=np.empty(0))

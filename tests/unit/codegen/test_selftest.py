@@ -1,0 +1,113 @@
+"""The self-test of a C library notices what it is there for; code that was spoilt on purpose fails it."""
+
+import re
+import shutil
+import subprocess
+
+import pytest
+
+from symid.codegen.c_library import generate_c_library
+from symid.codegen.casadi_functions import build_functions
+from symid.codegen.options import GenerateOptions
+from symid.codegen.writer import write_sources
+from symid.formats.toml import read_robot
+
+NAMES = ("jacobian", "gravity", "friction", "inverse_dynamics_derivatives")
+
+
+@pytest.fixture(scope="module")
+def functions(project):
+    return build_functions(read_robot(project / "robots" / "two_link.toml"), names=NAMES)
+
+
+@pytest.fixture(scope="module", params=["double", "float"])
+def folder(functions, request, tmp_path_factory, c_compiler):
+    if shutil.which("make") is None:
+        pytest.skip("wants make")
+    root = tmp_path_factory.mktemp("selftest") / "code"
+    write_sources(generate_c_library(functions, GenerateOptions(precision=request.param)), root)
+    assert run(root, c_compiler, "-Wall -Wextra -Werror").returncode == 0
+    return root
+
+
+@pytest.fixture
+def copy(folder, tmp_path):
+    return shutil.copytree(folder, tmp_path / "code")
+
+
+def run(folder, compiler, flags=""):
+    command = ["make", "-s", f"CC={compiler}", f"CFLAGS=-O1 {flags}", "check"]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+
+
+def spoil(folder, name, pattern, change, count=1):
+    path = folder / f"symid_two_link_{name}.c"
+    text, changed = re.subn(pattern, change, path.read_text(), count=count)
+    assert changed, (name, pattern)
+    path.write_text(text)
+
+
+def check_caught(folder, compiler, name):
+    done = run(folder, compiler)
+    assert done.returncode != 0
+    failed = [line.split()[0] for line in done.stdout.splitlines() if line.endswith("FAILED")]
+    assert failed == [name], done.stdout + done.stderr
+
+
+def test_it_says_what_it_compares(folder):
+    text = (folder / "selftest.c").read_text()
+    for words in ("100 random states", "50-digit", "the first 2 states", "divided by the largest element"):
+        assert words in text
+    assert len(text.encode()) < 250_000
+
+
+SPOILT = {
+    "a sign": ("gravity", r"g\[0\] = ", "g[0] = -"),
+    "a swap": (
+        "gravity",
+        r"    return SYMID_TWO_LINK_OK;",
+        "    g[0] += g[1];\n    g[1] = g[0] - g[1];\n    g[0] -= g[1];\n    return SYMID_TWO_LINK_OK;",
+    ),
+    "an element that is not written": ("jacobian", r"    J\[5\] = [^;]*;\n", ""),
+    "nothing written": ("friction", r"    tau_f\[1\] = [^;]*;\n", ""),
+    "a write past the end": (
+        "gravity",
+        r"    return SYMID_TWO_LINK_OK;",
+        "    (&g[1])[1] = g[0];\n    return SYMID_TWO_LINK_OK;",
+    ),
+    "NULL let through": (
+        "gravity",
+        r"    if \(q == NULL",
+        "    if (beta == NULL) {\n        return 0;\n    }\n    if (q == NULL",
+    ),
+    "NULL seen late": (
+        "gravity",
+        r"    if \((q == NULL[^)]*)\) \{\n        return (\w+);",
+        r"    if (\1) {\n        if (g != NULL) { g[0] = 0; }\n        return \2;",
+    ),
+    "a return code": ("gravity", r"return SYMID_TWO_LINK_OK;", "return 2;"),
+    "the last samples of a batch": (
+        "gravity",
+        r"(?s)first < n; (.*)k < n; \+\+k",
+        r"first + SYMID_TWO_LINK_LANES < n; \1k + 1 < n; ++k",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", sorted(SPOILT))
+def test_it_notices(copy, c_compiler, what):
+    name, pattern, change = SPOILT[what]
+    spoil(copy, name, pattern, change)
+    check_caught(copy, c_compiler, name)
+
+
+def test_it_notices_a_small_error_of_one_element_at_few_states(copy, c_compiler):
+    """Past the states that are compared in full, and by little more than the tolerance."""
+    size = "1e-4f" if "float" in (copy / "symid_two_link.h").read_text() else "1e-11"
+    # The first state's q is negative, so that only the sums can tell.
+    rows = re.search(r"state_q_2\[200\] = \{(.*?)\}", (copy / "selftest.c").read_text(), re.DOTALL).group(1)
+    first = [int(value) for value in rows.replace("\n", " ").split(",")[:4]]
+    limit = max(first[0], first[2], 2000) / 1000 + 0.01
+    spoil(copy, "gravity", r"(    g\[1\] = [^;]*);", rf"\1;\n    if (q[0] > {limit}f) {{ g[1] += {size}; }}")
+    spoil(copy, "gravity", r"g\[1\] \+= ", "g[1] += 30 * ")
+    check_caught(copy, c_compiler, "gravity")
