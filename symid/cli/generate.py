@@ -103,6 +103,7 @@ def command(
         raise UsageError(Notice(code="usage.friction-laws", text=text))
     described = load_robot(robot, friction=friction, base=base_link, tip=tip_link, snap=snap)
     from symid.codegen.build_record import find_inputs_signature, read_unchanged
+    from symid.codegen.folder_lock import lock_folder
     from symid.codegen.options import GenerateOptions
 
     choices = _Choices(
@@ -114,8 +115,9 @@ def command(
     )
     compiler, runner = find_runner(target)
     inputs = find_inputs_signature(described, choices.names, choices, compiler=compiler, runner=runner)
-    made = None if force else read_unchanged(output, inputs)
-    manifest, record = made or _make(described, choices, output, inputs, console, force=force)
+    with lock_folder(output, lambda: console.progress(f"{output}: waiting for another run that writes it")):
+        made = None if force else read_unchanged(output, inputs)
+        manifest, record = made or _make(described, choices, output, inputs, console, force=force)
     return _answer(
         output,
         manifest,
@@ -132,20 +134,20 @@ def _make(
     """Derive, write and test; return the manifest, and what is remembered of the test."""
     from symid.codegen.build_record import BuildRecord, write_build_record
     from symid.codegen.casadi_functions import build_functions
-    from symid.codegen.writer import read_manifest, write_sources
+    from symid.codegen.writer import write_sources
 
     console.progress(f"deriving the functions of {robot.name}")
     functions = build_functions(
         robot, names=choices.names, standard=choices.standard, constant=choices.constant
     )
     console.progress(f"writing {choices.target} code")
-    write_sources(_generate(functions, choices), folder, force=force)
+    sources = _generate(functions, choices)
+    write_sources(sources, folder, force=force)
     run = run_selftest(folder, choices.target, console)
     record = BuildRecord(
         inputs=inputs, selftest=run.selftest, runner=run.runner, flags=run.flags, sizes=run.sizes
     )
-    write_build_record(folder, record)
-    return read_manifest(folder) or {}, record
+    return write_build_record(folder, record, sources), record
 
 
 def _generate(functions: "Functions", choices: _Choices) -> "SourceSet":

@@ -1,10 +1,16 @@
-"""The self-test of a folder that symid generated, run in a copy of it.
+"""The self-test of a folder that symid generated, run in a copy of what its manifest lists.
 
 Input: a folder. Output: `SelfTestRun`: how the test went, by whom it was run, what was compiled for it.
+
+A test counts as passed where the program itself ran, ended with zero and said so in its last line; what
+`make` says of its own run proves nothing, as variables of the environment can keep it from doing anything.
+
+Supported: both targets. Not supported: files of others in the folder; they take no part.
 """
 
 import os
 import platform
+import re
 import shutil
 import subprocess
 import sys
@@ -12,7 +18,7 @@ import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 from symid.cli.output import Console
 from symid.errors import GenerationError, Notice
@@ -25,6 +31,9 @@ __all__ = ["SelfTestRun", "find_runner", "find_warnings", "run_selftest"]
 
 _TIMEOUT = 600.0
 _FLAGS = "-O2"
+# What an outer `make` was told is not meant for this one: it may build nothing, or look over all errors.
+_MAKE_VARIABLES = frozenset({"MAKEFLAGS", "MFLAGS", "GNUMAKEFLAGS", "MAKELEVEL", "MAKEFILES"})
+_PASSED = re.compile(r"0 of [1-9][0-9]* functions failed")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,27 +73,70 @@ def find_warnings(folder: Path, selftest: str) -> tuple[Notice, ...]:
     return (Notice(code="generate.selftest-not-run", text=text, file=str(folder)),)
 
 
-def _run(folder: Path, arguments: list[str]) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        arguments, cwd=folder, capture_output=True, text=True, check=False, timeout=_TIMEOUT
-    )
+def _fail(folder: Path, text: str) -> NoReturn:
+    raise GenerationError(Notice(code="generate.selftest-failed", text=text, file=str(folder)))
 
 
-def _run_make(folder: Path, compiler: "Compiler") -> tuple[list[str], subprocess.CompletedProcess[str]]:
-    """Compile and run the self-test, with the stack of every function if the compiler can tell it."""
+def _copy_listed(folder: Path, manifest: Mapping[str, object], copy: Path) -> None:
+    """Copy the files that `manifest` lists, and no others: a folder may hold anything of its owner's."""
+    from symid.codegen.writer import find_digest, find_listed
+
+    copy.mkdir()
+    for path, digest in find_listed(manifest).items():
+        try:
+            content = (folder / path).read_bytes()
+        except OSError as error:
+            _fail(folder, f"the self-test could not be run: {path}: {error.strerror or error}")
+        if find_digest(content) != digest:
+            _fail(folder, f"the self-test could not be run: {path} was changed since it was written")
+        target = copy / path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(content)
+
+
+def _run(folder: Path, copy: Path, command: list[str]) -> subprocess.CompletedProcess[str]:
+    environment = {name: value for name, value in os.environ.items() if name not in _MAKE_VARIABLES}
+    try:
+        return subprocess.run(
+            command,
+            cwd=copy,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            check=False,
+            timeout=_TIMEOUT,
+        )
+    except subprocess.TimeoutExpired:
+        _fail(folder, f"the self-test failed: `{' '.join(command)}` did not end within {_TIMEOUT:g} s")
+    except OSError as error:
+        _fail(folder, f"the self-test failed: `{' '.join(command)}` cannot be run: {error.strerror or error}")
+
+
+def _fail_run(folder: Path, done: subprocess.CompletedProcess[str]) -> NoReturn:
+    how = f"the self-test failed: `{' '.join(done.args)}` ended with {done.returncode}"
+    _fail(folder, f"{how}\n{done.stdout}{done.stderr}".rstrip())
+
+
+def _build(folder: Path, copy: Path, compiler: "Compiler") -> None:
+    """Compile the self-test, with the stack of every function if the compiler can tell it."""
     from symid.codegen.code_size import STACK_FLAG
 
-    command = ["make", f"-j{os.cpu_count() or 1}", "check", f"CC={compiler.path}"]
-    done = _run(folder, [*command, f"CFLAGS={_FLAGS} {STACK_FLAG}"])
+    command = ["make", f"-j{os.cpu_count() or 1}", "selftest", f"CC={compiler.path}"]
+    done = _run(folder, copy, [*command, f"CFLAGS={_FLAGS} {STACK_FLAG}"])
     # A compiler that does not know the flag fails, and so does wrong code: then once more.
-    return (command, _run(folder, command)) if done.returncode else (command, done)
+    if done.returncode:
+        done = _run(folder, copy, command)
+    if done.returncode:
+        _fail_run(folder, done)
 
 
 def run_selftest(folder: Path, target: str, console: Console) -> SelfTestRun:
     """Run the folder's own test in a copy of it and return how it went.
 
     Raises:
-        GenerationError: the test failed.
+        GenerationError: the test failed, or did not run to its end.
     """
     from symid.codegen.build_record import find_operations
     from symid.codegen.code_size import find_code_sizes
@@ -94,19 +146,19 @@ def run_selftest(folder: Path, target: str, console: Console) -> SelfTestRun:
     if not runner:
         return SelfTestRun(selftest="not run", runner="", flags="", sizes={})
     console.progress("running the self-test of the folder")
+    manifest = read_manifest(folder) or {}
+    prefix, names = str(manifest.get("prefix")), tuple(find_operations(manifest))
     with tempfile.TemporaryDirectory(prefix="symid-") as scratch:
-        copy = shutil.copytree(folder, Path(scratch) / "code")
+        copy = Path(scratch) / "code"
+        _copy_listed(folder, manifest, copy)
         if compiler is None:
-            (module,) = folder.glob("*.py")
-            arguments = [sys.executable, module.name]
-            done = _run(copy, arguments)
+            command = [sys.executable, f"{prefix}.py"]
         else:
-            arguments, done = _run_make(copy, compiler)
+            _build(folder, copy, compiler)
+            command = [str(copy / "selftest")]
+        done = _run(folder, copy, command)
         console.detail(done.stdout)
-        if done.returncode:
-            text = f"the self-test failed: {' '.join(arguments)}\n{done.stdout}{done.stderr}".rstrip()
-            raise GenerationError(Notice(code="generate.selftest-failed", text=text, file=str(folder)))
-        manifest = read_manifest(folder) or {}
-        prefix, names = str(manifest.get("prefix")), tuple(find_operations(manifest))
+        if done.returncode or not _PASSED.fullmatch(done.stdout.rstrip("\n").rpartition("\n")[2]):
+            _fail_run(folder, done)
         sizes = {} if compiler is None else find_code_sizes(copy, prefix, names)
     return SelfTestRun(selftest="passed", runner=runner, flags=_FLAGS if compiler else "", sizes=sizes)

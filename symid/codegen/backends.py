@@ -68,6 +68,16 @@ def _open_built(binary: Path, prefix: str, digest: str) -> ctypes.CDLL:
     return shared
 
 
+_Room = tuple[tuple[FloatArray, ...], tuple[FloatArray, ...], tuple[ctypes.c_void_p, ...]]
+
+
+def _make_room(spec: FunctionSpec, dtype: type[np.floating]) -> _Room:
+    """Return arrays for inputs and for outputs of one sample, and where they are."""
+    inputs = tuple(allocate(port, None, dtype) for port in spec.inputs)
+    outputs = tuple(allocate(port, None, dtype) for port in spec.outputs)
+    return inputs, outputs, tuple(ctypes.c_void_p(array.ctypes.data) for array in (*inputs, *outputs))
+
+
 @final
 class CompiledLibrary:
     """Functions of a shared library.
@@ -141,16 +151,18 @@ class CompiledLibrary:
         kept = None if out is None else check_outputs(self.card, spec, None, out)
         ask = self._bind_slowly(spec)
         is_double = self._dtype is np.float64
-        quick = find_python_call(self._shared, self._prefix, spec, ask, kept) if is_double else None
-        return quick or keep_outputs(ask, kept)
+        ask_kept = keep_outputs(self.card, spec, ask, kept)
+        quick = None
+        if is_double:
+            quick = find_python_call(self._shared, self._prefix, spec, ask, kept=kept, ask_kept=ask_kept)
+        return quick or ask_kept
 
     def _bind_slowly(self, spec: FunctionSpec) -> Call:
         """Return a function through ctypes, which takes all that can be converted."""
         card = self.card
-        inputs = tuple(np.zeros(port.shape, dtype=self._dtype) for port in spec.inputs)
-        outputs = tuple(allocate(port, None, self._dtype) for port in spec.outputs)
-        call = self._find_symbol(spec.name)
-        pointers = tuple(ctypes.c_void_p(array.ctypes.data) for array in (*inputs, *outputs))
+        call, dtype = self._find_symbol(spec.name), self._dtype
+        # Room of calls that are over. A call has its own: ctypes lets other threads run, which may call too.
+        spare: list[_Room] = []
         shapes, double = tuple(port.shape for port in spec.inputs), np.dtype(np.float64)
 
         def is_usual(values: tuple[FloatArray, ...]) -> bool:
@@ -164,12 +176,19 @@ class CompiledLibrary:
         def evaluate_one(*values: FloatArray) -> tuple[FloatArray, ...]:
             # The usual case is told in a few comparisons; anything else is converted or refused.
             given = values if is_usual(values) else check_sample(card, spec, values)
+            try:
+                room = spare.pop()
+            except IndexError:
+                room = _make_room(spec, dtype)
+            inputs, outputs, pointers = room
             for buffer, value in zip(inputs, given, strict=True):
                 buffer[...] = value
             status = call(*pointers)
             if status:
                 raise _fail_call(spec.name, status)
-            return tuple(output.astype(np.float64) for output in outputs)
+            found = tuple(output.astype(np.float64) for output in outputs)
+            spare.append(room)
+            return found
 
         return evaluate_one
 
@@ -198,12 +217,14 @@ def _fail_call(name: str, status: int) -> GenerationError:
     return GenerationError(Notice(code="codegen.call-failed", text=text))
 
 
-_CHUNK = 1024
+# A piece: NumPy takes about as long to begin an operation as for a thousand numbers, and a function has
+# thousands of them; but all their results are in memory at once.
+_CHUNK = 4096
 
 
 @final
 class PythonLibrary:
-    """Functions of a generated NumPy module; batches go through in pieces that fit the cache."""
+    """Functions of a generated NumPy module; large batches go through in pieces, to save memory."""
 
     backend = "python"
 
@@ -229,7 +250,7 @@ class PythonLibrary:
         samples, arrays = check_inputs(self.card, spec, inputs)
         kept = None if out is None else check_outputs(self.card, spec, samples, out)
         arrays = _separate(arrays, kept or ())
-        if samples is None:
+        if samples is None or samples <= _CHUNK:
             return _hand_over(self._call(name, arrays), kept)
         outputs = kept or tuple(allocate(port, samples, np.float64) for port in spec.outputs)
         for start in range(0, samples, _CHUNK):
@@ -247,7 +268,11 @@ class PythonLibrary:
         """
         card, spec = self.card, find_spec(self.card, name)
         kept = None if out is None else check_outputs(card, spec, None, out)
-        return keep_outputs(lambda *values: self._call(name, check_sample(card, spec, values)), kept)
+
+        def call(*values: FloatArray) -> tuple[FloatArray, ...]:
+            return self._call(name, check_sample(card, spec, values))
+
+        return keep_outputs(card, spec, call, kept)
 
 
 def import_module(path: Path) -> ModuleType:

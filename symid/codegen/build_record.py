@@ -19,7 +19,8 @@ from pathlib import Path
 from symid.codegen.cache import find_library_key
 from symid.codegen.code_size import CodeSize
 from symid.codegen.compiler import Compiler
-from symid.codegen.writer import is_unchanged, read_manifest, write_manifest_text
+from symid.codegen.writer import SourceSet, is_unchanged, read_manifest, write_manifest_text
+from symid.errors import Notice, OutputError
 from symid.provenance import find_signature
 from symid.robot.description import Robot
 
@@ -104,12 +105,25 @@ def read_unchanged(folder: Path, inputs: str) -> tuple[Mapping[str, object], Bui
     return (manifest, record) if same else None
 
 
-def write_build_record(folder: Path, record: BuildRecord) -> None:
-    """Put `record` into the manifest of `folder`.
+def _fail_changed(folder: Path) -> OutputError:
+    text = "was changed by somebody else while its self-test ran; generate it again"
+    return OutputError(Notice(code="output.changed-meanwhile", text=text, file=str(folder)))
+
+
+def write_build_record(folder: Path, record: BuildRecord, sources: SourceSet) -> Mapping[str, object]:
+    """Put `record` into the manifest of `folder`, and return that manifest.
+
+    Args:
+        folder: to which `sources` were written.
+        record: what was found out about them.
+        sources: whose manifest must still be the one in the folder, and their files those that it lists.
 
     Raises:
-        OutputError: it cannot be written.
+        OutputError: the folder holds something else by now, or cannot be written.
     """
     manifest = dict(read_manifest(folder) or {})
+    if manifest != json.loads(sources.manifest) or not is_unchanged(folder, manifest):
+        raise _fail_changed(folder)
     manifest[_ENTRY] = {**asdict(record), "seal": _find_seal(manifest)}
     write_manifest_text(json.dumps(manifest, indent=1, sort_keys=True) + "\n", folder)
+    return read_manifest(folder) or {}

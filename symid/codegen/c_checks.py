@@ -12,7 +12,7 @@ from symid.codegen.describe import BANNER, Material
 from symid.codegen.functions import Port
 from symid.codegen.instructions import Program
 from symid.codegen.printing import find_literal
-from symid.codegen.reference import FLOOR, NEGLIGIBLE, WEIGHTS, WHOLE, Reference
+from symid.codegen.reference import FLOOR, NEGLIGIBLE, WEIGHTS, WHOLE, Reference, Rows
 from symid.codegen.sample_states import PER_UNIT
 
 __all__ = ["TOLERANCES", "build_self_test"]
@@ -27,8 +27,6 @@ _FENCE = 8
 _UNTOUCHED = 12345.5
 _PER_LINE = 16
 
-Rows = Sequence[Sequence[float]]
-
 
 def _flatten(rows: Rows) -> list[float]:
     return [value for row in rows for value in row]
@@ -40,13 +38,12 @@ def _write_thousandths(rows: Rows) -> tuple[str, ...]:
     return tuple(", ".join(whole[k : k + _PER_LINE]) + "," for k in starts)
 
 
-def _name_input(port: Port) -> str:
-    """Return the table of an input: functions share those of the same name and size."""
-    return f"shared_{port.name}" if port.shared else f"state_{port.name}_{port.size}"
+def _name_array(port: Port, table: str) -> str:
+    return f"{'shared' if port.shared else 'state'}_{table}"
 
 
-def _write_input(port: Port, rows: Rows, real: str) -> SelfTestArray:
-    name, size = _name_input(port), max(len(_flatten(rows)), 1)
+def _write_input(port: Port, name: str, rows: Rows, real: str) -> SelfTestArray:
+    size = max(len(_flatten(rows)), 1)
     if port.shared:
         return SelfTestArray(kind=real, name=name, size=size, lines=write_lines(_flatten(rows), real))
     return SelfTestArray(kind="int32_t", name=name, size=size, lines=_write_thousandths(rows))
@@ -64,9 +61,10 @@ def _write_arrays(material: Material) -> tuple[SelfTestArray, ...]:
     arrays: dict[str, SelfTestArray] = {}
     for program, reference in zip(material.programs, material.references, strict=True):
         spec = program.spec
-        for port, rows in zip(spec.inputs, reference.inputs, strict=True):
-            if _name_input(port) not in arrays:
-                arrays[_name_input(port)] = _write_input(port, rows, real)
+        for port, table, rows in zip(spec.inputs, reference.tables, reference.inputs, strict=True):
+            name = _name_array(port, table)
+            if name not in arrays:
+                arrays[name] = _write_input(port, name, rows, real)
         for port, whole, sums in zip(spec.outputs, reference.whole, reference.sums, strict=True):
             for kind, rows in (("whole", whole), ("sums", sums)):
                 name = f"{kind}_{spec.name}_{port.name}"
@@ -74,8 +72,9 @@ def _write_arrays(material: Material) -> tuple[SelfTestArray, ...]:
     return tuple(arrays.values())
 
 
-def _describe_input(port: Port) -> str:
-    places = f"NULL, {_name_input(port)}" if port.shared else f"{_name_input(port)}, NULL"
+def _describe_input(port: Port, table: str) -> str:
+    name = _name_array(port, table)
+    places = f"NULL, {name}" if port.shared else f"{name}, NULL"
     return f"{{ {places}, {port.size} }}"
 
 
@@ -89,7 +88,7 @@ def _build_test(program: Program, reference: Reference) -> SelfTest:
     return SelfTest(
         name=spec.name,
         call=", ".join(given),
-        inputs=tuple(map(_describe_input, spec.inputs)),
+        inputs=tuple(map(_describe_input, spec.inputs, reference.tables)),
         outputs=tuple(outputs),
         input_count=len(spec.inputs),
         output_count=len(spec.outputs),

@@ -5,7 +5,7 @@ Input: `Functions`: programs with their model card. Output: `SourceSet`.
 Functions -> programs and reference values -> contexts -> templates -> sources.
 
 Supported: double and float; one sample and batches.
-Not supported: values baked in as constants (parameters are arguments).
+Not supported: compilers without C99 arrays of stated size (of Microsoft's, use clang-cl).
 """
 
 import re
@@ -110,9 +110,10 @@ def _write_header(material: Material) -> str:
     return write_template("c/header.h.jinja", context)
 
 
-def _find_includes(prefix: str, text: str) -> tuple[str, ...]:
+def _find_includes(prefix: str, statements: tuple[str, ...], lanes: tuple[str, ...]) -> tuple[str, ...]:
     lines: list[str] = []
-    if re.search(r"\b(find_sines|GATHER)\(", text):
+    text = "\n".join(statements)
+    if lanes or "find_sines(" in text:
         lines.append(f'#include "{prefix}{_LANES}"')
     if re.search(r"\b(sin|cos|tan|sqrt|exp|tanh|pow|fabs)f?\(", text):
         lines += ["", "#include <math.h>"]
@@ -148,7 +149,7 @@ def _write_function(material: Material, program: Program) -> str:
         prefix=material.prefix,
         macro=_find_macro(material),
         name=spec.name,
-        includes=_find_includes(material.prefix, "\n".join((*body.statements, *lanes))),
+        includes=_find_includes(material.prefix, body.statements, lanes),
         helpers=helpers,
         definition=_declare(spec, real, restrict=True),
         batch_definition=_declare_batch(spec, real, restrict=True),
@@ -201,7 +202,7 @@ def _write_build_files(
     prefix = material.prefix
     sources = tuple(path for path in written if path.endswith(".c"))
     headers = [path for path in written if path.endswith(".h")]
-    public = " ".join(path for path in headers if not path.endswith(_LANES))
+    public = " ".join(path for path in headers if path != f"{prefix}{_LANES}")
     # CMake knows numbers alone: 1.2.3.dev4 is 1.2.3.
     numbers = re.match(r"\d+(\.\d+)*", __version__)
     version = numbers.group() if numbers else "0"

@@ -146,13 +146,19 @@ def allocate(port: Port, samples: int | None, dtype: type[np.floating]) -> Float
     return array
 
 
-def keep_outputs(call: Call, kept: tuple[FloatArray, ...] | None) -> Call:
-    """Return `call`, its outputs written to the arrays `kept` if there are any."""
+def keep_outputs(
+    card: ModelCard, spec: FunctionSpec, call: Call, kept: tuple[FloatArray, ...] | None
+) -> Call:
+    """Return `call` of one sample, its outputs written to the arrays `kept` if there are any.
+
+    These are looked at again at each call: UsageError where they cannot take the outputs any more.
+    """
     if kept is None:
         return call
 
     def call_and_keep(*values: FloatArray) -> tuple[FloatArray, ...]:
-        for target, output in zip(kept, call(*values), strict=True):
+        outputs = call(*values)
+        for target, output in zip(check_outputs(card, spec, None, kept), outputs, strict=True):
             target[...] = output
         return kept
 

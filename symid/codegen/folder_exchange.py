@@ -1,4 +1,4 @@
-"""Two folders change places in one step, and what of one goes along into the other.
+"""Two folders change places in one step, what of one goes along into the other, and what is on the disk.
 
 Input: two folders of one file system. Output: whether they changed places.
 
@@ -7,12 +7,13 @@ Not supported: other systems; folders on which something is mounted. There the a
 """
 
 import ctypes
+import errno
 import os
 import shutil
 import sys
 from pathlib import Path
 
-__all__ = ["exchange_folders", "link_missing"]
+__all__ = ["copy_owner", "exchange_folders", "link_missing", "write_through"]
 
 _HERE = -100
 _EXCHANGE = 2
@@ -27,6 +28,34 @@ def exchange_folders(first: Path, second: Path) -> bool:
     if sys.platform == "darwin" and hasattr(library, "renamex_np"):
         return bool(library.renamex_np(names[0], names[1], _EXCHANGE) == 0)
     return False
+
+
+def write_through(path: Path) -> None:
+    """Wait until a file, or the names in a folder, would outlast a power cut.
+
+    Raises:
+        OSError: the disk says that it cannot.
+    """
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        # Some file systems have no such thing for folders.
+        if error.errno not in {errno.EINVAL, errno.ENOTSUP}:
+            raise
+    finally:
+        os.close(handle)
+
+
+def copy_owner(source: Path, target: Path) -> None:
+    """Let `target` belong to whom `source` belongs.
+
+    Raises:
+        OSError: this user may not give it away.
+    """
+    wanted, found = source.stat(), target.stat()
+    if (wanted.st_uid, wanted.st_gid) != (found.st_uid, found.st_gid):
+        os.chown(target, wanted.st_uid, wanted.st_gid)
 
 
 def link_missing(source: Path, target: Path, left_out: frozenset[Path] = frozenset()) -> bool:
@@ -55,6 +84,7 @@ def link_missing(source: Path, target: Path, left_out: frozenset[Path] = frozens
             place.mkdir(exist_ok=True)
             whole = link_missing(entry, place, inner) and whole
             if new:
+                copy_owner(entry, place)
                 shutil.copystat(entry, place)
         elif not os.path.lexists(place):
             whole = whole and (entry.is_symlink() or entry.is_file())

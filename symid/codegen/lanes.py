@@ -29,7 +29,6 @@ class LanesContext:
     real: str
     bits: str
     suffix: str
-    error: str
     limit: str
     limit_literal: str
     avx_lanes: int
@@ -164,7 +163,6 @@ def write_lanes(macro: str, precision: str) -> str:
         real=precision,
         bits=f"uint{kind.bits}_t",
         suffix="" if double else "f",
-        error="2",
         limit=f"{kind.limit:g}",
         limit_literal=find_literal(kind.limit, precision),
         avx_lanes=4 if double else 8,

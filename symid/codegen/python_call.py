@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
-from symid.codegen.calls import Call, keep_outputs
+from symid.codegen.calls import Call
 from symid.codegen.functions import FunctionSpec, Port
 
 __all__ = ["find_python_call"]
@@ -56,7 +56,7 @@ class _Port(ctypes.Structure):
         ("shape", ctypes.c_ssize_t * _MOST_AXES),
         ("size", ctypes.c_size_t),
         ("arguments", ctypes.py_object),
-        ("memory", ctypes.c_void_p),
+        ("kept", ctypes.c_void_p),
     ]
 
 
@@ -140,13 +140,14 @@ def _find_addresses(shared: ctypes.CDLL, prefix: str, name: str) -> tuple[int, i
 
 
 def _describe(port: Port, output: FloatArray | None) -> _Port:
-    memory = None if output is None else output.ctypes.data
     shape = (ctypes.c_ssize_t * _MOST_AXES)(*port.shape)
     double = np.dtype(np.float64)
     # With its type said: NumPy 2.4 counts one reference too many to the one that it takes by itself.
     arguments = (port.shape, double)
     size = port.size * double.itemsize
-    return _Port(axes=len(port.shape), shape=shape, size=size, arguments=arguments, memory=memory)
+    # The array itself: where its numbers are, and how many, is read at each call.
+    kept = None if output is None else id(output)
+    return _Port(axes=len(port.shape), shape=shape, size=size, arguments=arguments, kept=kept)
 
 
 def _make(
@@ -202,7 +203,9 @@ def find_python_call(
     prefix: str,
     spec: FunctionSpec,
     ask: Call,
+    *,
     kept: tuple[FloatArray, ...] | None = None,
+    ask_kept: Call | None = None,
 ) -> Call | None:
     """Return function `spec` for one sample as a built-in function, or None where that cannot be.
 
@@ -212,6 +215,7 @@ def find_python_call(
         spec: what the function takes and gives.
         ask: the same function through ctypes, for every call that is out of the ordinary; gives new arrays.
         kept: arrays that every call overwrites and returns; None for new ones at each call.
+        ask_kept: `ask`, but with the outputs in `kept`.
     """
     ports = (*spec.inputs, *spec.outputs)
     if len(ports) > _MOST_PORTS or any(len(port.shape) > _MOST_AXES for port in ports):
@@ -221,4 +225,4 @@ def find_python_call(
         return None
     if not _agrees(_make(spec, addresses, ask, None), ask, spec):
         return None
-    return _make(spec, addresses, keep_outputs(ask, kept), kept)
+    return _make(spec, addresses, ask_kept or ask, kept)

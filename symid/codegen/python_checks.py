@@ -8,12 +8,10 @@ from dataclasses import dataclass
 
 from symid.codegen.functions import Port
 from symid.codegen.instructions import Program
-from symid.codegen.reference import Reference
+from symid.codegen.reference import Reference, Rows
 from symid.codegen.sample_states import PER_UNIT
 
 __all__ = ["ModuleState", "ModuleTest", "build_module_states", "build_module_tests"]
-
-Rows = Sequence[Sequence[float]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,19 +32,15 @@ class ModuleTest:
     outputs: tuple[str, ...]
 
 
-def _name_input(port: Port) -> str:
-    return port.name if port.shared else f"{port.name}_{port.size}"
-
-
 def _write_rows(rows: Rows) -> tuple[str, ...]:
     return ("[", *(f"    {list(row)!r}," for row in rows), "]")
 
 
-def _write_state(port: Port, rows: Rows) -> ModuleState:
+def _write_state(port: Port, table: str, rows: Rows) -> ModuleState:
     if port.shared:
-        return ModuleState(name=_name_input(port), shared=True, lines=(repr(list(rows[0])),))
+        return ModuleState(name=table, shared=True, lines=(repr(list(rows[0])),))
     thousandths = [[round(value * PER_UNIT) for value in row] for row in rows]
-    return ModuleState(name=_name_input(port), shared=False, lines=_write_rows(thousandths))
+    return ModuleState(name=table, shared=False, lines=_write_rows(thousandths))
 
 
 def build_module_states(
@@ -55,9 +49,10 @@ def build_module_states(
     """Return every input that a function is given, once."""
     found: dict[str, ModuleState] = {}
     for program, reference in zip(programs, references, strict=True):
-        for port, rows in zip(program.spec.inputs, reference.inputs, strict=True):
-            if _name_input(port) not in found:
-                found[_name_input(port)] = _write_state(port, rows)
+        inputs = zip(program.spec.inputs, reference.tables, reference.inputs, strict=True)
+        for port, table, rows in inputs:
+            if table not in found:
+                found[table] = _write_state(port, table, rows)
     return tuple(found.values())
 
 
@@ -68,7 +63,7 @@ def _build_test(program: Program, reference: Reference) -> ModuleTest:
     tables = zip(reference.whole, reference.sums, reference.scales, strict=True)
     return ModuleTest(
         name=program.spec.name,
-        inputs=repr(tuple(map(_name_input, program.spec.inputs))),
+        inputs=repr(reference.tables),
         outputs=tuple(f"({write(whole)}, {write(sums)}, {scale!r})" for whole, sums, scale in tables),
     )
 

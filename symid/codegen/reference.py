@@ -9,7 +9,7 @@ Supported: all operations of `Op`.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Context, Decimal, localcontext
 
 import casadi as ca
@@ -21,10 +21,10 @@ from symid.codegen.functions import ModelCard
 from symid.codegen.instructions import Program
 from symid.codegen.options import GenerateOptions
 from symid.codegen.sample_parameters import find_amplification, find_parameters
-from symid.codegen.sample_states import States, find_values
+from symid.codegen.sample_states import LIMITS, States, find_angles, find_values
 from symid.errors import GenerationError, Notice
 
-__all__ = ["FLOOR", "NEGLIGIBLE", "WEIGHTS", "WHOLE", "Reference", "build_references"]
+__all__ = ["FLOOR", "NEGLIGIBLE", "WEIGHTS", "WHOLE", "Reference", "Rows", "build_references"]
 
 # Errors are measured by the largest value of an output; one below NEGLIGIBLE is zero but for rounding, and
 # FLOOR stands in for its size.
@@ -38,6 +38,9 @@ WEIGHTS = ((97, 31), (101, 37))
 No two of 97 x 101 elements weigh the same in both sums, so that two that changed places show; divided by
 m, an error of one element shows with its full size at least.
 """
+Rows = Sequence[Sequence[float]]
+"""A row a state."""
+
 _AGREEMENT = 1e-8
 # In place of stiffnesses that the robot file does not know: k0, and those of stops.
 _STIFFNESSES = {True: 100.0, False: 20.0}
@@ -48,6 +51,7 @@ class Reference:
     """Inputs and outputs of one function, by port.
 
     Attributes:
+        tables: names of the inputs; equal ones have equal values, in whichever function.
         inputs: a row a state; a shared input has one row.
         whole: every element, a row for each of the first states.
         sums: the sums of `WEIGHTS`, a row a state.
@@ -55,6 +59,7 @@ class Reference:
             amplification of the forward dynamics.
     """
 
+    tables: tuple[str, ...]
     inputs: tuple[tuple[tuple[float, ...], ...], ...]
     whole: tuple[tuple[tuple[float, ...], ...], ...]
     sums: tuple[tuple[tuple[float, ...], ...], ...]
@@ -122,6 +127,7 @@ def _build_one(function: ca.Function, program: Program, states: States) -> Refer
     amplification = find_amplification(function, program, states)
     _check(program, outputs, find_values(function, program, inputs, states.count))
     return Reference(
+        tables=states.find_tables(program),
         inputs=tuple(map(_to_rows, inputs)),
         whole=tuple(_to_rows(values[:WHOLE]) for values in outputs),
         sums=tuple(_to_rows(_add_up(values)) for values in exact),
@@ -138,10 +144,11 @@ def build_references(
         GenerationError: a program does not compute what CasADi computes, or has no value anywhere.
     """
     failures = []
-    drawn = States(count=options.states, seed=options.seed, shared={})
+    angles, limit = find_angles(programs), LIMITS[options.precision]
+    drawn = States(count=options.states, seed=options.seed, shared={}, angles=angles, limit=limit)
     for beta in find_parameters(card, functions, programs, drawn):
         shared = {card.vector: beta, **_find_springs(card)}
-        states = States(count=options.states, seed=options.seed, shared=shared)
+        states = replace(drawn, shared=shared)
         try:
             pairs = zip(functions, programs, strict=True)
             return tuple(_build_one(function, program, states) for function, program in pairs)

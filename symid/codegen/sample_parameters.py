@@ -13,6 +13,7 @@ Supported: base and standard parameters. Not supported: physical consistency; th
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -97,7 +98,7 @@ def find_parameters(
         function, program = functions[found[0]], programs[found[0]]
 
         def evaluate(beta: FloatArray) -> FloatArray:
-            at = States(count=states.count, seed=states.seed, shared={card.vector: tuple(beta.tolist())})
+            at = replace(states, shared={card.vector: tuple(beta.tolist())})
             (matrices,) = find_values(function, program, at.find_all(program), states.count)
             return matrices.reshape(-1, card.size, card.size)
 

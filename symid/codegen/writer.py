@@ -16,10 +16,11 @@ import os
 import secrets
 import shutil
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from symid.codegen.folder_exchange import exchange_folders, link_missing
+from symid.codegen.folder_exchange import copy_owner, exchange_folders, link_missing, write_through
 from symid.errors import Notice, OutputError
 
 __all__ = [
@@ -35,6 +36,7 @@ __all__ = [
 
 MANIFEST = "manifest.json"
 _UPDATE = ".symid-update-"
+_AT_ONCE = 16
 
 # The digests that a file may have to be as symid wrote it, by its path in the folder.
 Listed = Mapping[str, tuple[str, ...]]
@@ -113,7 +115,11 @@ def write_manifest_text(text: str, folder: Path) -> None:
     try:
         staging.mkdir()
         (staging / MANIFEST).write_bytes(text.encode())
+        write_through(staging / MANIFEST)
+        with contextlib.suppress(OSError):
+            copy_owner(target / MANIFEST, staging / MANIFEST)
         (staging / MANIFEST).replace(target / MANIFEST)
+        write_through(target)
     except OSError as error:
         raise _fail_write(error, folder) from error
     finally:
@@ -162,6 +168,15 @@ def _write_new(sources: SourceSet, staging: Path) -> None:
         target = staging / path
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(text.encode())
+    # All are written by now: the disk takes them at once, which is faster than one after another.
+    with ThreadPoolExecutor(_AT_ONCE) as pool:
+        tuple(pool.map(write_through, (*staging.rglob("*"), staging)))
+
+
+def _give_away(folder: Path, staging: Path) -> None:
+    """Let what was made for `folder` belong to whom it belongs."""
+    for path in (staging, *sorted(staging.rglob("*"))):
+        copy_owner(folder, path)
 
 
 def _find_stale(folder: Path, sources: SourceSet, listed: Listed) -> list[Path]:
@@ -188,6 +203,12 @@ def _is_in_use(folder: Path) -> bool:
         return True
 
 
+def _find_folders(folder: Path) -> list[Path]:
+    """Return `folder` and those in it, which name its files."""
+    inner = (path for path in sorted(folder.rglob("*")) if path.is_dir() and not path.is_symlink())
+    return [folder, *inner]
+
+
 def _exchange_folder(sources: SourceSet, folder: Path, listed: Listed) -> bool:
     """Write a new folder with the files of others in it, and let it change places with `folder`."""
     if _is_in_use(folder):
@@ -197,11 +218,16 @@ def _exchange_folder(sources: SourceSet, folder: Path, listed: Listed) -> bool:
     left_out = frozenset(path.relative_to(folder) for path in dropped)
     try:
         _write_new(sources, staging)
+        _give_away(folder, staging)
         if not link_missing(folder, staging, left_out):
             return False
         shutil.copystat(folder, staging)
+        for place in _find_folders(staging):
+            write_through(place)
         if not exchange_folders(folder, staging):
             return False
+        with contextlib.suppress(OSError):
+            write_through(folder.parent)
         # What somebody put there in the meantime; where that fails, the new folder is whole all the same.
         with contextlib.suppress(OSError):
             link_missing(staging, folder, left_out)
@@ -218,6 +244,8 @@ def _write_folder(sources: SourceSet, folder: Path) -> None:
     try:
         _write_new(sources, staging)
         staging.rename(folder)
+        with contextlib.suppress(OSError):
+            write_through(folder.parent)
     finally:
         shutil.rmtree(staging, ignore_errors=True)
 
@@ -229,13 +257,19 @@ def _update_folder(sources: SourceSet, folder: Path, listed: Listed) -> None:
     moved = False
     try:
         _write_new(sources, staging)
+        # Who may not give files away leaves them to the user who ran this.
+        with contextlib.suppress(OSError):
+            _give_away(folder, staging)
         for path, _ in sources.files:
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
             moved = True
             (staging / path).replace(folder / path)
         _remove_stale(folder, sources, listed)
+        for place in sorted({(folder / path).parent for path, _ in sources.files}):
+            write_through(place)
         # Last: until here the old manifest and the one in the staging folder speak for the files.
         (staging / MANIFEST).replace(folder / MANIFEST)
+        write_through(folder)
     except BaseException:
         if not moved:
             shutil.rmtree(staging, ignore_errors=True)

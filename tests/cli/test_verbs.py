@@ -80,6 +80,11 @@ def test_generate(capsys, tmp_path, target):
 
 
 def test_generate_says_when_there_is_no_compiler(capsys, tmp_path, monkeypatch):
+    # What takes the function along when it is first imported must have done so before.
+    import symid.codegen.cache
+    import symid.codegen.compiler
+
+    assert symid.codegen.cache.find_compiler is symid.codegen.compiler.find_compiler
     monkeypatch.setattr("symid.codegen.compiler.find_compiler", lambda *_: None)
     code, answer = call_json(capsys, "generate", "emps", "-o", tmp_path / "code")
     assert code == 0

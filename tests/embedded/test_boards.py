@@ -18,7 +18,7 @@ CASES = {"float": (CORTEX_M4F, "float32"), "double": (CORTEX_M7, "float64")}
 # mass matrix, and its error grows with the condition number.
 ALLOWED = {"float": 2e-6, "double": 4e-15}
 ALLOWED_FORWARD = {"float": 2e-4, "double": 1e-12}
-each_source = with_folders(("panda", "two_link_elastic", "two_arms"), list(CASES))
+each_source = with_folders(("panda", "two_link_elastic", "two_arms"), list(CASES), library=("panda",))
 
 
 def draw_all(card):

@@ -13,5 +13,5 @@ const char *symid_emps_signature(void)
 
 const char *symid_emps_digest(void)
 {
-    return "d0f01c9384b4b6784923bcaf5731f02aea0dedfd65ada4eb7006dbf1b92a4ef5";
+    return "3873bc9444a8e748862e9a72d2263ecc70a8e12cffc198cb26c3ce6adc3775c8";
 }

@@ -13,5 +13,5 @@ const char *symid_two_link_signature(void)
 
 const char *symid_two_link_digest(void)
 {
-    return "dc85eb4618c6d10ca6b8816f17bdbf5c368846f0e92d7960ff4b5a0f5f7881dc";
+    return "19067fe97c8ca7d1e81e2d15d05eb2eca4d74697501c5854041f1209ac60873f";
 }

@@ -6,11 +6,12 @@
  * elsewhere it is one number, and the same lines are plain C99. SYMID_TWO_LINK_LANES may be set to 1, 2, 4 or 8.
  *
  * An angle x becomes r = x - n pi/2 with |r| <= pi/4, pi/2 in parts (Cody and Waite 1980), and r goes through
- * minimax polynomials. Error: below 2 units in the last place up to |x| = 1e+06. Beyond, and where
- * arithmetic is not that of IEEE 754 (x87, -ffast-math), the C library's functions are called.
+ * minimax polynomials. Error: below 2 units in the last place up to |x| = 100, below 4 up to |x| = 1e+06, less
+ * than 3 where the compiler fuses no products and sums. Beyond, and where arithmetic is not that of IEEE 754 (x87,
+ * -ffast-math and its parts), the C library's functions are called.
  */
-#ifndef SYMID_TWO_LINK_LANES_H
-#define SYMID_TWO_LINK_LANES_H
+#ifndef SYMID_TWO_LINK_LANES_INCLUDED
+#define SYMID_TWO_LINK_LANES_INCLUDED
 
 #include <float.h>
 #include <math.h>
@@ -18,7 +19,8 @@
 #include <stdint.h>
 #include <string.h>
 
-#if defined(__FAST_MATH__) || FLT_EVAL_METHOD != 0
+/* 16 is 0 for all but half precision. */
+#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || (FLT_EVAL_METHOD != 0 && FLT_EVAL_METHOD != 16)
 #define SYMID_TWO_LINK_LIBRARY_SINES
 #undef SYMID_TWO_LINK_LANES
 #define SYMID_TWO_LINK_LANES 1
@@ -36,6 +38,10 @@
 #else
 #define SYMID_TWO_LINK_LANES 1
 #endif
+#endif
+
+#if SYMID_TWO_LINK_LANES != 1 && SYMID_TWO_LINK_LANES != 2 && SYMID_TWO_LINK_LANES != 4 && SYMID_TWO_LINK_LANES != 8
+#error "SYMID_TWO_LINK_LANES must be 1, 2, 4 or 8"
 #endif
 
 #if SYMID_TWO_LINK_LANES > 1

@@ -311,6 +311,58 @@ def test_an_installed_library_can_be_moved(made, tmp_path, cmake, c_compiler):
         assert (Path(values[key].replace("${prefix}", prefix)) / name).is_file()
 
 
+USER = """
+cmake_minimum_required(VERSION 3.13)
+project(user C)
+find_package(symid_emps REQUIRED)
+add_executable(user main.c)
+target_link_libraries(user PRIVATE symid_emps)
+"""
+
+
+def test_an_installed_library_is_found_by_cmake(made, tmp_path, cmake, c_compiler):
+    write_sources(generate_c_library(made["emps"]), tmp_path / "c")
+    (tmp_path / "CMakeLists.txt").write_text(USER)
+    main = '#include "symid_emps.h"\nint main(void) { return symid_emps_version() == 0; }\n'
+    (tmp_path / "main.c").write_text(main)
+    installed = tmp_path / "installed"
+    for arguments in (
+        ["-S", "c", "-B", "b", "-DCMAKE_UNITY_BUILD=ON"],
+        ["--build", "b"],
+        ["--install", "b", "--prefix", installed],
+        ["-S", ".", "-B", "user", f"-DCMAKE_PREFIX_PATH={installed}"],
+        ["--build", "user"],
+    ):
+        subprocess.run([cmake, *arguments], cwd=tmp_path, capture_output=True, check=True)
+    subprocess.run([tmp_path / "user" / "user"], check=True)
+    assert sorted(path.name for path in (installed / "include").iterdir()) == ["symid_emps.h"]
+
+
+def test_inside_another_project_the_folder_is_a_library_alone(made, tmp_path, cmake):
+    write_sources(generate_c_library(made["two_link"]), tmp_path / "c")
+    lines = ("cmake_minimum_required(VERSION 3.13)", "project(whole C)", "add_subdirectory(c)")
+    (tmp_path / "CMakeLists.txt").write_text("\n".join(lines))
+    for arguments in (["-S", ".", "-B", "b"], ["--build", "b"]):
+        subprocess.run([cmake, *arguments], cwd=tmp_path, capture_output=True, check=True)
+    assert (tmp_path / "b" / "c" / "libsymid_two_link.a").is_file()
+    assert not list((tmp_path / "b").rglob("symid_two_link_selftest*"))
+
+
+def test_the_archive_keeps_no_function_of_before(made, tmp_path, c_compiler):
+    sources = generate_c_library(made["two_link"])
+    folder = tmp_path / "c"
+    write_sources(sources, folder)
+    make = ("make", "libsymid_two_link.a", f"CC={c_compiler}")
+    subprocess.run(make, cwd=folder, capture_output=True, check=True)
+    (folder / "Makefile").write_text(dict(sources.files)["Makefile"].replace(" symid_two_link_bias.o", ""))
+    subprocess.run(("touch", "symid_two_link.h"), cwd=folder, check=True)
+    subprocess.run(make, cwd=folder, capture_output=True, check=True)
+    listed = subprocess.run(
+        ("ar", "t", "libsymid_two_link.a"), cwd=folder, capture_output=True, text=True, check=True
+    )
+    assert "symid_two_link_bias.o" not in listed.stdout.split()
+
+
 @pytest.fixture(scope="session")
 def cmake(c_compiler):
     found = shutil.which("cmake")

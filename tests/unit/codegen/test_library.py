@@ -254,3 +254,27 @@ def test_a_float_library_gives_and_fills_arrays_of_doubles(made, tmp_path, build
     assert bound(q, beta)[0].dtype == np.float64
     np.testing.assert_array_equal(keeping(q, beta)[0], bound(q, beta)[0])
     assert keeping(q, beta)[0] is target
+
+
+def test_batches_of_a_module_go_through_in_few_pieces_of_its_own_arrays(made, tmp_path, monkeypatch):
+    """NumPy pays for each operation of a piece, so that small pieces are slower than the module itself."""
+    write_sources(generate_python_module(made["two_link"]), tmp_path / "p")
+    library = load_library(tmp_path / "p")
+    rng, beta = np.random.default_rng(3), np.ones(len(library.card.beta))
+    plain, given, results = library._module.gravity, [], []
+
+    def watch(q, parameters):
+        given.append(len(q))
+        results.append(plain(q, parameters))
+        return results[-1]
+
+    for count, pieces in ((10_000, [4096, 4096, 1808]), (4096, [4096]), (1, [1]), (0, [0])):
+        q = rng.uniform(-1, 1, (count, 2))
+        wanted = plain(q, beta)
+        with monkeypatch.context() as patch:
+            patch.setattr(library._module, "gravity", watch)
+            given.clear()
+            (found,) = library.evaluate("gravity", q, beta)
+        assert given == pieces
+        assert len(pieces) > 1 or found is results[-1]
+        np.testing.assert_array_equal(found, wanted)

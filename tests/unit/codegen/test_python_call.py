@@ -374,3 +374,84 @@ def test_the_source_compiles_without_a_warning_and_hands_an_error_to_python(tmp_
     assert len(asked) == 1
     with pytest.raises(TypeError):
         bound(x=np.ones(2), none=np.empty(0))
+
+
+def keep_in(library, project, tmp_path, compiler, kind):
+    """Return a call of gravity and the array that it keeps its output in, by one of the ways there are."""
+    from symid.codegen.c_library import generate_c_library
+    from symid.codegen.casadi_functions import build_functions
+    from symid.codegen.options import GenerateOptions
+    from symid.codegen.python_module import generate_python_module
+    from symid.codegen.writer import write_sources
+
+    torque = np.zeros(2)
+    if kind != "built in":
+        functions = build_functions(read_robot(project / "robots" / "two_link.toml"), names=("gravity",))
+        if kind == "module":
+            write_sources(generate_python_module(functions), tmp_path / "code")
+        else:
+            write_sources(generate_c_library(functions, GenerateOptions(precision=kind)), tmp_path / "code")
+            command = ["make", "-s", f"CC={compiler}", "shared"]
+            subprocess.run(command, cwd=tmp_path / "code", check=True, capture_output=True)
+        library = load_library(tmp_path / "code")
+    return library.bind("gravity", out=(torque,)), torque
+
+
+@pytest.fixture(params=["built in", "double", "float", "module"])
+def kept(library, project, request, tmp_path, c_compiler):
+    return keep_in(library, project, tmp_path, c_compiler, request.param)
+
+
+SPOIL = {
+    "larger": lambda array: array.resize(100_000, refcheck=False),
+    "smaller": lambda array: array.resize(1, refcheck=False),
+    "read-only": lambda array: array.setflags(write=False),
+    "two axes": lambda array: setattr(array, "shape", (1, 2)),
+    "integers": lambda array: setattr(array, "dtype", np.int64),
+}
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+@pytest.mark.parametrize("what", sorted(SPOIL))
+def test_an_array_of_the_caller_that_cannot_take_the_output_any_more_is_refused(library, kept, what):
+    """Its owner may do so at any time: it was as it must be when the function was bound."""
+    (bound, torque), beta = kept, np.ones(len(library.card.beta))
+    bound(np.array([0.3, 0.4]), beta)
+    SPOIL[what](torque)
+    before = torque.tobytes()
+    with pytest.raises(UsageError) as caught:
+        bound(np.array([0.5, 0.1]), beta)
+    assert caught.value.notices[0].code == "usage.shape"
+    assert torque.tobytes() == before
+
+
+def test_an_array_of_the_caller_that_moved_is_written_where_it_is(library, kept):
+    (bound, torque), beta = kept, np.ones(len(library.card.beta))
+    torque.resize(100_000, refcheck=False)
+    torque.resize(2, refcheck=False)
+    (found,) = bound(np.array([0.5, 0.1]), beta)
+    assert found is torque
+    (wanted,) = library.evaluate("gravity", np.array([0.5, 0.1]), beta)
+    np.testing.assert_allclose(torque, wanted, rtol=1e-5)
+
+
+def test_lists_from_many_threads_do_not_mix(library):
+    bound, spec = library.bind("inverse_dynamics"), find_spec(library, "inverse_dynamics")
+    wrong = []
+
+    def run(seed):
+        values = draw(spec, seed)
+        given, wanted = [value.tolist() for value in values], read_bytes(bound(*values))
+        wrong.extend(seed for _ in range(3000) if read_bytes(bound(*given)) != wanted)
+
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        threads = [threading.Thread(target=run, args=(seed,)) for seed in range(4)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    finally:
+        sys.setswitchinterval(interval)
+    assert wrong == []

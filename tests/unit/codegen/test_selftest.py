@@ -111,3 +111,25 @@ def test_it_notices_a_small_error_of_one_element_at_few_states(copy, c_compiler)
     spoil(copy, "gravity", r"(    g\[1\] = [^;]*);", rf"\1;\n    if (q[0] > {limit}f) {{ g[1] += {size}; }}")
     spoil(copy, "gravity", r"g\[1\] \+= ", "g[1] += 30 * ")
     check_caught(copy, c_compiler, "gravity")
+
+
+@pytest.mark.parametrize("reach", ["fifty", "within", "beyond"])
+def test_it_notices_sines_that_are_wrong_far_out(copy, c_compiler, reach):
+    limit = 1e4 if "float" in (copy / "symid_two_link.h").read_text() else 1e6
+    reaches = {"fifty": (40, 60), "within": (0.5 * limit, limit), "beyond": (limit, 3 * limit)}
+    low, high = reaches[reach]
+    test = f"q[1] * q[1] > {low * low:.1f}f && q[1] * q[1] < {high * high:.1f}f"
+    spoil(copy, "gravity", r"(    g\[1\] = [^;]*;)", rf"\1\n    if ({test}) {{ g[1] = -g[1]; }}")
+    check_caught(copy, c_compiler, "gravity")
+
+
+def test_it_notices_a_library_of_mathematics_without_sines(copy, c_compiler):
+    """Beyond the limit sines are those of the C library: on a target these may be wrong."""
+    path = copy / "symid_two_link_lanes.h"
+    text, count = re.subn(r"= sin(f?)\(x\);", r"= sin\1(x) + 1;", path.read_text())
+    assert count
+    path.write_text(text)
+    done = run(copy, c_compiler)
+    assert done.returncode != 0
+    failed = [line.split()[0] for line in done.stdout.splitlines() if line.endswith("FAILED")]
+    assert set(failed) == {"jacobian", "gravity", "inverse_dynamics_derivatives"}

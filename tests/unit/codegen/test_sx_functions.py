@@ -41,7 +41,10 @@ def test_what_casadi_holds_is_the_program(robot):
     for spec in find_robot_specs(robot, base):
         program = choose_route(robot, base, spec).program
         function = build_function(program)
-        assert count_operations(build_program(function, spec)) == count_operations(program), spec.name
+        held, wanted = count_operations(build_program(function, spec)), count_operations(program)
+        # CasADi makes quotients again of products with the inverse of a pivot, one product less a pivot.
+        pivots = robot.freedom if spec.name == "forward_dynamics" else 0
+        assert (held.mul + pivots, held.add, held.trig) == (wanted.mul, wanted.add, wanted.trig), spec.name
         inputs = {port.name: rng.uniform(-1, 1, port.shape) for port in spec.inputs}
         results = function.call([inputs[port.name] for port in spec.inputs])
         for found, expected in zip(results, run_program(program, inputs), strict=True):

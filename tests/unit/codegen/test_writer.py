@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from symid.codegen.folder_exchange import exchange_folders
-from symid.codegen.writer import MANIFEST, SourceSet, find_digest, write_sources
+from symid.codegen.writer import MANIFEST, SourceSet, find_digest, write_manifest_text, write_sources
 from symid.errors import OutputError
 
 
@@ -184,13 +184,12 @@ def test_after_an_interrupted_update_an_edited_file_is_still_told(tmp_path, monk
 
 
 KILLED = """
-import os, signal, sys
+import json, os, signal, sys
 from pathlib import Path
 from symid.codegen import writer
 from symid.codegen.writer import SourceSet, write_sources
-import json
 
-calls, last = 0, int(sys.argv[2])
+calls, last = 0, 10**9
 
 def count(event, arguments):
     # Everything that touches files, one after another: the process dies before the one of this number.
@@ -204,18 +203,36 @@ files = tuple((name, "2") for name in ("a.c", "b.c", "deep/c.c", "new.c"))
 digests = {path: writer.find_digest(text.encode()) for path, text in files}
 sources = SourceSet(name="x", files=files, manifest=json.dumps({"symid": "0", "files": digests}))
 sys.addaudithook(count)
-write_sources(sources, Path(sys.argv[1]))
-last = 10**9
-print("written")
+# A process for each line, which need not start an interpreter.
+for line in sys.stdin:
+    number, folder = line.rstrip("\\n").split(" ", 1)
+    child = os.fork()
+    if child == 0:
+        calls, last = 0, int(number)
+        write_sources(sources, Path(folder))
+        last = 10**9
+        os._exit(0)
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
 """
 
 
-def run_killed(folder, number, project):
+@pytest.fixture(scope="module")
+def run_killed(project):
+    """Return a call that writes into a folder, killed before a step; whether it got through."""
     environment = {**os.environ, "PYTHONPATH": str(project)}
-    command = [sys.executable, "-c", KILLED, str(folder), str(number)]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode in {0, -signal.SIGKILL}, done.stderr
-    return done.returncode == 0
+    command = [sys.executable, "-c", KILLED]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, env=environment, stdin=pipe, stdout=pipe, text=True) as server:
+
+        def run(folder, number):
+            server.stdin.write(f"{number} {folder}\n")
+            server.stdin.flush()
+            code = int(server.stdout.readline())
+            assert code in {0, -signal.SIGKILL}
+            return code == 0
+
+        yield run
+        server.stdin.close()
 
 
 def read_texts(folder):
@@ -239,7 +256,7 @@ def prepare_old(folder):
 
 
 @pytest.mark.parametrize("first", [True, False])
-def test_a_killed_write_leaves_the_old_folder_or_the_new_one(tmp_path, project, first):
+def test_a_killed_write_leaves_the_old_folder_or_the_new_one(tmp_path, run_killed, first):
     """Killed without warning before each of its steps in turn; the last run gets through."""
     pair = [tmp_path / name for name in ("one", "other")]
     for place in pair:
@@ -247,12 +264,12 @@ def test_a_killed_write_leaves_the_old_folder_or_the_new_one(tmp_path, project, 
     if not exchange_folders(*pair):
         pytest.skip("wants a system and a file system on which two folders can change places in one step")
     seen = set()
-    for number in range(0, 400, 3):
+    for number in range(400):
         folder = tmp_path / str(number) / "out"
         folder.parent.mkdir()
         if not first:
             prepare_old(folder)
-        through = run_killed(folder, number, project)
+        through = run_killed(folder, number)
         if first:
             assert not folder.exists() or read_texts(folder) == NEW
             seen.add(folder.exists())
@@ -266,7 +283,7 @@ def test_a_killed_write_leaves_the_old_folder_or_the_new_one(tmp_path, project, 
             seen.add("new.c" in found)
         if through:
             break
-        assert run_killed(folder, 10**6, project)
+        assert run_killed(folder, 10**6)
         assert read_texts(folder) == (NEW if first else {**NEW, **OWN})
     assert through
     assert seen == {True, False}
@@ -305,3 +322,104 @@ def test_the_working_folder_stays_the_same_one(tmp_path, monkeypatch):
     monkeypatch.chdir(out / "own")
     write_sources(sources(a="3"), out)
     assert Path("../a.c").read_text() == "3"
+
+
+def find_identity(path):
+    found = path.stat()
+    return found.st_dev, found.st_ino
+
+
+@pytest.fixture
+def waited(monkeypatch):
+    """What was waited for until the disk had it, in order."""
+    found, fsync = [], os.fsync
+
+    def watch(handle):
+        state = os.fstat(handle)
+        found.append((state.st_dev, state.st_ino))
+        fsync(handle)
+
+    monkeypatch.setattr(os, "fsync", watch)
+    return found
+
+
+def list_all(folder):
+    return {find_identity(path) for path in (folder, *folder.rglob("*"))}
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_all_is_on_the_disk_before_the_new_folder_has_its_name(tmp_path, monkeypatch, waited, first):
+    out, seen = tmp_path / "out", []
+    if not first:
+        prepare_old(out)
+    own = {find_identity(out / path) for path in OWN} if not first else set()
+    waited.clear()
+
+    def look(staging):
+        seen.append(list_all(staging) - own - set(waited))
+        waited.clear()
+
+    rename = Path.rename
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "rename", lambda path, to: (look(path), rename(path, to))[1])
+        patch.setattr(
+            "symid.codegen.writer.exchange_folders",
+            lambda folder, staging: (look(staging), exchange_folders(folder, staging))[1],
+        )
+        files = {"a.c": "2", "deep/c.c": "2"}
+        digests = {path: find_digest(text.encode()) for path, text in files.items()}
+        text = json.dumps({"symid": "0", "files": digests})
+        write_sources(SourceSet(name="x", files=tuple(files.items()), manifest=text), out)
+    assert seen == [set()]
+    assert find_identity(tmp_path) in waited
+
+
+@pytest.mark.usefixtures("in_place")
+def test_in_place_each_file_is_on_the_disk_before_the_manifest(tmp_path, monkeypatch, waited):
+    out, seen = tmp_path / "out", []
+    prepare_old(out)
+    replace = Path.replace
+
+    def look(path, target):
+        seen.append((target.name, find_identity(path) in waited, find_identity(out) in waited))
+        return replace(path, target)
+
+    waited.clear()
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", look)
+        write_sources(sources(a="2", b="2"), out)
+    assert seen == [("a.c", True, False), ("b.c", True, False), (MANIFEST, True, True)]
+
+
+def find_owners(folder):
+    return {(found.st_uid, found.st_gid) for found in (path.stat() for path in (folder, *folder.rglob("*")))}
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="wants to be run by the superuser, who may give files away")
+@pytest.mark.parametrize("exchange", [True, False])
+def test_a_folder_of_another_user_stays_that_users(tmp_path, monkeypatch, exchange):
+    out = tmp_path / "out"
+    prepare_old(out)
+    for path in (out, *out.rglob("*")):
+        os.chown(path, 12345, 23456)
+    if not exchange:
+        monkeypatch.setattr("symid.codegen.writer.exchange_folders", lambda *_: False)
+    write_sources(sources(a="3", new="3"), out)
+    assert find_owners(out) == {(12345, 23456)}
+    write_manifest_text((out / MANIFEST).read_text() + "\n", out)
+    assert find_owners(out) == {(12345, 23456)}
+
+
+def test_a_folder_that_cannot_be_given_back_stays_the_same_one(tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    prepare_old(out)
+    before = find_identity(out)
+
+    def refuse(source, target):
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr("symid.codegen.writer.copy_owner", refuse)
+    write_sources(sources(a="3"), out)
+    assert find_identity(out) == before
+    assert (out / "a.c").read_text() == "3"
+    assert names(tmp_path) == ["out"]

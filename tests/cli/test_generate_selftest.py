@@ -1,0 +1,219 @@
+"""`symid generate` says that the self-test passed where it ran and passed, whatever stands in its way."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from symid.cli.main import run as run_cli
+
+NAMES = ("two_link", "--function", "gravity")
+
+
+def call(capsys, *arguments):
+    code = run_cli(["generate", *map(str, arguments), "--json", "-q"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+@pytest.fixture(params=["c", "python"])
+def target(request):
+    if request.param == "c" and shutil.which("make") is None:
+        pytest.skip("wants make, and a C compiler, to run the self-test")
+    return request.param
+
+
+@pytest.fixture
+def with_make():
+    if shutil.which("make") is None:
+        pytest.skip("wants make")
+
+
+def make_compiler(folder, script):
+    """Return a compiler of the script's ways, `cc` at the end of it."""
+    folder.mkdir(exist_ok=True)
+    path = folder / "compiler"
+    path.write_text(f"#!/bin/sh\n{script}\n")
+    path.chmod(0o755)
+    return path
+
+
+def use_compiler(monkeypatch, path):
+    # What takes the function along when it is first imported must have done so before.
+    import symid.codegen.cache
+    from symid.codegen.compiler import find_compiler
+
+    assert symid.codegen.cache.find_compiler is find_compiler
+    found = find_compiler(str(path))
+    assert found is not None
+    monkeypatch.setattr("symid.codegen.compiler.find_compiler", lambda *_: found)
+
+
+NO_FILES = 'for a in "$@"; do [ "$a" = -c ] && exit 1; done; exec cc "$@"'
+
+
+@pytest.mark.usefixtures("with_make", "c_compiler")
+@pytest.mark.parametrize("name", ["MAKEFLAGS", "GNUMAKEFLAGS"])
+@pytest.mark.parametrize("flags", ["n", "i", "k", "q", "t"])
+def test_flags_of_an_outer_make_change_nothing(capsys, tmp_path, monkeypatch, name, flags):
+    monkeypatch.setenv(name, flags)
+    monkeypatch.setenv("MAKELEVEL", "1")
+    code, answer = call(capsys, *NAMES, "-o", tmp_path / "good")
+    assert (code, answer["result"]["selftest"]) == (0, "passed")
+    assert answer["result"]["sizes"]["gravity"]["code"] > 0
+    use_compiler(monkeypatch, make_compiler(tmp_path / "bin", NO_FILES))
+    code, answer = call(capsys, *NAMES, "-o", tmp_path / "bad")
+    assert code == 70
+    assert [entry["code"] for entry in answer["errors"]] == ["generate.selftest-failed"]
+    assert "build" not in json.loads((tmp_path / "bad" / "manifest.json").read_text())
+
+
+def build_instead(program):
+    """Return a compiler that, asked for the self-test, makes another program."""
+    text = f'printf "{program}" > selftest; chmod 755 selftest; exit 0'
+    return f'for a in "$@"; do [ "$a" = selftest ] && {{ {text}; }}; done; exec cc "$@"'
+
+
+@pytest.mark.usefixtures("with_make")
+@pytest.mark.parametrize(
+    "program",
+    [
+        "#!/bin/sh\\\\n",
+        "#!/bin/sh\\\\necho 0 of 0 functions failed\\\\n",
+        "#!/bin/sh\\\\necho 1 of 1 functions failed\\\\n",
+        "#!/bin/sh\\\\necho 0 of 1 functions failed\\\\nexit 3\\\\n",
+        "no program",
+    ],
+)
+def test_only_the_program_itself_can_pass(capsys, tmp_path, monkeypatch, c_compiler, program):
+    use_compiler(monkeypatch, make_compiler(tmp_path / "bin", build_instead(program)))
+    code, answer = call(capsys, *NAMES, "-o", tmp_path / "code")
+    assert code == 70
+    assert [entry["code"] for entry in answer["errors"]] == ["generate.selftest-failed"]
+
+
+@pytest.mark.usefixtures("with_make")
+def test_a_test_that_does_not_end_is_said(capsys, tmp_path, monkeypatch, c_compiler):
+    monkeypatch.setattr("symid.cli.selftest._TIMEOUT", 3.0)
+    program = "#!/bin/sh\\\\nexec sleep 60\\\\n"
+    use_compiler(monkeypatch, make_compiler(tmp_path / "bin", build_instead(program)))
+    code, answer = call(capsys, *NAMES, "-o", tmp_path / "code")
+    assert code == 70
+    assert [entry["code"] for entry in answer["errors"]] == ["generate.selftest-failed"]
+    assert "did not end within 3 s" in answer["errors"][0]["text"]
+
+
+def test_files_of_the_user_take_no_part(capsys, tmp_path, target):
+    folder = tmp_path / "code"
+    order = (*NAMES, "--target", target, "-o", folder)
+    assert call(capsys, *order)[0] == 0
+    (folder / "mine.py").write_text("raise SystemExit(1)\n")
+    (folder / "selftest").write_text("mine\n")
+    (folder / "GNUmakefile").write_text("selftest:\n\tfalse\n")
+    (folder / "gone").symlink_to("nowhere")
+    os.mkfifo(folder / "pipe")
+    (folder / "secret").mkdir(mode=0)
+    with (folder / "log").open("wb") as log:
+        log.truncate(10**12)
+    code, answer = call(capsys, *order, "--force")
+    assert (code, answer["result"]["selftest"]) == (0, "passed")
+    assert (folder / "log").stat().st_size == 10**12
+
+
+def test_a_file_that_is_changed_before_the_test_is_told(capsys, tmp_path, monkeypatch, target):
+    from symid.codegen import writer
+
+    write = writer.write_sources
+    for change in ("edited", "gone"):
+        folder = tmp_path / change
+
+        def meddle(sources, place, *, force, change=change, folder=folder):
+            paths = write(sources, place, force=force)
+            if change == "gone":
+                (folder / "README.md").unlink()
+            else:
+                (folder / "README.md").write_text("mine")
+            return paths
+
+        monkeypatch.setattr(writer, "write_sources", meddle)
+        code, answer = call(capsys, *NAMES, "--target", target, "-o", folder)
+        assert code == 70
+        assert [entry["code"] for entry in answer["errors"]] == ["generate.selftest-failed"]
+        assert "README.md" in answer["errors"][0]["text"]
+
+
+def test_a_record_is_kept_of_the_code_that_was_tested_alone(capsys, tmp_path, monkeypatch, target):
+    """Whoever writes without asking for the lock, while the self-test runs, is not written over."""
+    from symid.cli import generate
+
+    folder, run = tmp_path / "code", generate.run_selftest
+
+    def meddle(place, *arguments):
+        found = run(place, *arguments)
+        manifest = json.loads((place / "manifest.json").read_text())
+        (place / "manifest.json").write_text(json.dumps({**manifest, "options": "others"}))
+        return found
+
+    monkeypatch.setattr(generate, "run_selftest", meddle)
+    code, answer = call(capsys, *NAMES, "--target", target, "-o", folder)
+    assert code == 3
+    assert [entry["code"] for entry in answer["errors"]] == ["output.changed-meanwhile"]
+    manifest = json.loads((folder / "manifest.json").read_text())
+    assert manifest["options"] == "others"
+    assert "build" not in manifest
+
+
+def test_many_at_once_leave_what_the_last_of_them_made(capsys, tmp_path, project):
+    """Each says of its own code that it passed; what is there is whole, and its record is its own."""
+    folder = tmp_path / "code"
+    environment = {**os.environ, "PYTHONPATH": str(project)}
+    choices = (("base", "double"), ("standard", "double"), ("base", "float"))
+    runs = []
+    for parameters, precision in choices:
+        command = [
+            sys.executable,
+            "-m",
+            "symid",
+            "generate",
+            "two_link",
+            "--function",
+            "gravity",
+            "-o",
+            str(folder),
+        ]
+        command += ["--parameters", parameters, "--precision", precision, "--json", "-q"]
+        pipe = subprocess.PIPE
+        runs.append(subprocess.Popen(command, env=environment, stdout=pipe, stderr=pipe, text=True))
+    said = [run.communicate()[0] for run in runs]
+    assert [run.returncode for run in runs] == [0, 0, 0], said
+    found = []
+    for parameters, precision in choices:
+        order = ("two_link", "--function", "gravity", "--parameters", parameters, "--precision", precision)
+        before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+        copy = shutil.copytree(folder, tmp_path / f"{parameters}_{precision}")
+        code, answer = call(capsys, *order, "-o", copy)
+        assert code == 0
+        found.append(answer["result"]["unchanged"])
+        assert before == {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    assert sorted(found) == [False, False, True]
+    assert sorted(path.name for path in tmp_path.iterdir() if path.name.startswith(".")) == []
+
+
+def test_a_run_that_waits_says_so(capfd, tmp_path):
+    from symid.codegen.folder_lock import lock_folder
+
+    folder = tmp_path / "code"
+    done = []
+    order = ["generate", *NAMES, "--target", "python", "-o", str(folder)]
+    with lock_folder(folder, lambda: None):
+        thread = threading.Thread(target=lambda: done.append(run_cli(order)))
+        thread.start()
+        thread.join(timeout=4)
+        assert thread.is_alive()
+        assert not folder.exists()
+    thread.join()
+    assert done == [0]
+    assert "waiting for another run" in capfd.readouterr().err

@@ -1,0 +1,95 @@
+"""States of self-tests: a few far out, where a function takes nothing but sines and cosines of an angle."""
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from symid.codegen import lanes
+from symid.codegen.casadi_functions import build_functions
+from symid.codegen.functions import FunctionSpec, Port
+from symid.codegen.program import build_program
+from symid.codegen.sample_states import LIMITS, PER_UNIT, States, find_angles
+from symid.formats.toml import read_robot
+
+Q = Port(name="q", shape=(2,), unit="rad", meaning="q")
+DQ = Port(name="dq", shape=(2,), unit="rad/s", meaning="dq")
+
+
+def make_program(name, build):
+    q, dq = ca.SX.sym("q", 2), ca.SX.sym("dq", 2)
+    output = Port(name="y", shape=(2,), unit="1", meaning="y")
+    spec = FunctionSpec(name=name, inputs=(Q, DQ), outputs=(output,), meaning=name)
+    return build_program(ca.Function(name, [q, dq], [build(q, dq)], ["q", "dq"], ["y"]), spec)
+
+
+TURNS = make_program("turns", lambda q, dq: ca.vertcat(ca.sin(q[0]) * dq[0], -ca.cos(-q[0]) - ca.sin(q[1])))
+SPRING = make_program("spring", lambda q, dq: ca.vertcat(ca.sin(q[0]), 3 * q[1] + dq[0]))
+SUM = make_program("sum", lambda q, dq: ca.vertcat(ca.sin(q[0] + q[1]), dq[1]))
+GIVEN = make_program("given", lambda q, _: ca.vertcat(-q[0], ca.sin(q[0])))
+NO_ANGLES = make_program("none", lambda _, dq: ca.vertcat(dq[0], dq[1]))
+
+
+def test_limits_are_those_of_the_generated_code():
+    assert {name: kind.limit for name, kind in lanes._KINDS.items()} == LIMITS
+
+
+@pytest.mark.parametrize(
+    ("programs", "angles"),
+    [
+        ((TURNS,), {("q", 2, 0), ("q", 2, 1)}),
+        ((SPRING,), {("q", 2, 0)}),
+        ((SUM,), set()),
+        ((GIVEN,), set()),
+        ((NO_ANGLES,), set()),
+        ((NO_ANGLES, SPRING, TURNS, SUM), {("q", 2, 0), ("q", 2, 1)}),
+    ],
+)
+def test_angles_are_what_a_function_takes_sines_of_alone(programs, angles):
+    assert find_angles(programs) == angles
+
+
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_a_few_states_lie_far_out_and_are_exact_in_the_precision(precision):
+    limit, dtype = LIMITS[precision], np.float32 if precision == "float" else np.float64
+    states = States(count=100, seed=1, shared={}, angles=find_angles([TURNS]), limit=limit)
+    q, dq = states.find_all(TURNS)
+    far = np.abs(q) > 3.0
+    assert (far.all(axis=1) == far.any(axis=1)).all()
+    rows = np.flatnonzero(far.any(axis=1))
+    assert len(rows) == 7
+    assert len(set(rows % 8)) == 7  # in as many lanes of a vector
+    size = np.sort(np.abs(q[rows]), axis=0)
+    assert ((size[:3] > 46) & (size[:3] < 54)).all()
+    assert ((size[3:5] > 0.88 * limit) & (size[3:5] < 0.92 * limit)).all()
+    assert (size[5:] > 1.05 * limit).all()
+    assert np.abs(dq).max() <= 2.0
+    assert (q[rows].astype(dtype) == q[rows]).all()
+    whole = np.rint(q * PER_UNIT)
+    assert np.abs(whole).max() < 2**31
+    np.testing.assert_array_equal(whole[rows] / PER_UNIT, q[rows])
+
+
+def test_a_function_that_uses_an_angle_otherwise_has_it_near_in_a_table_of_its_own():
+    angles = find_angles([TURNS, SPRING, NO_ANGLES])
+    states = States(count=100, seed=1, shared={}, angles=angles)
+    assert np.abs(states.find_all(TURNS)[0]).max() > 1e6
+    assert np.abs(states.find_all(SPRING)[0]).max() <= 3.0
+    assert states.find_tables(TURNS) == ("q_2", "dq_2")
+    assert states.find_tables(SPRING) == ("q_2_near", "dq_2")
+    near = np.abs(states.find_all(TURNS)[0]).max(axis=1) <= 3.0
+    np.testing.assert_array_equal(states.find_all(SPRING)[0][near], states.find_all(TURNS)[0][near])
+
+
+def test_few_states_are_all_near():
+    states = States(count=20, seed=1, shared={}, angles=find_angles([TURNS]))
+    assert np.abs(states.find_all(TURNS)[0]).max() <= 3.0
+
+
+@pytest.mark.parametrize("name", ["two_link", "two_link_elastic", "scara"])
+def test_angles_of_robots_go_far_out_and_lengths_do_not(project, name):
+    robot = read_robot(project / "robots" / f"{name}.toml")
+    functions = build_functions(robot, names=("gravity", "mass_matrix"))
+    revolute = {k for k, joint in enumerate(functions.card.joints) if joint.kind == "revolute"}
+    found = find_angles(functions.programs)
+    assert found
+    assert {k for _, _, k in found} <= revolute
