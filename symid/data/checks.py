@@ -2,11 +2,11 @@
 
 Input: `Recording`, the robot. Output: notices.
 
-Supported: slightly uneven sampling, a channel that never changes, standstill, torque at its limit,
-positions beyond the joint's limits, positions that look like degrees, coarse or repeated samples, second
-encoders that are not there.
-Not supported: gaps and strong jitter, which `signals` refuses; delays between channels and offsets between
-runs, which `alignment` estimates.
+Supported: uneven sampling, a velocity that is not the position's, a channel that never changes, standstill,
+torque at its limit, positions beyond the joint's limits, positions that look like degrees, coarse or
+repeated samples, second encoders that are not there.
+Not supported: what needs the robot's dynamics: signs, swapped joints and delays, which `identification` looks
+at; delays between encoders, which `alignment` estimates.
 """
 
 from collections.abc import Iterator
@@ -15,29 +15,35 @@ import numpy as np
 
 from symid.arrays import FloatArray
 from symid.data.recording import Recording
+from symid.data.timing import describe_timing
 from symid.errors import Notice
 from symid.robot.description import Joint, JointKind, Robot
 
 __all__ = ["check_recording", "find_second_encoder"]
 
 # Thresholds are those of a remark, not of a refusal: they only choose what is worth saying.
-_JITTER = 0.05
 _REPEATED = 0.5
 _STANDSTILL = 0.5
 _SLOW = 1e-3
 _SATURATED = 0.01
 _MANY_TURNS = 4.0 * np.pi
+_LEAST_WAY = 1e-2
+"""Rad or m a joint must have moved for its velocity to be compared."""
+_UNLIKE = 0.9
+_RATIO = 0.1
 
 
 def check_recording(recording: Recording, robot: Robot) -> tuple[Notice, ...]:
     """Return what a reader of an identification from this recording should know first."""
-    found = list(_check_time(recording.time))
+    found = [(notice.code, notice.text) for notice in describe_timing(recording.time)]
     for index, joint in enumerate(robot.axes):
         position, torque = recording.position[:, index], recording.torque[:, index]
         found += _check_position(position, joint)
         found += _check_torque(torque, joint)
         found += _check_motion(position, recording.period, joint)
     found += _check_second(recording, robot)
+    if recording.velocity is not None and np.all(np.isfinite(recording.velocity)):
+        found += _check_velocity(recording, recording.velocity, robot)
     return tuple(Notice(code=code, text=text, file=recording.source) for code, text in found)
 
 
@@ -63,13 +69,50 @@ def _check_second(recording: Recording, robot: Robot) -> Iterator[tuple[str, str
             yield "log.no-second-encoder", f"{text}, and the torsion of these joints is unknown"
 
 
-def _check_time(time: FloatArray) -> Iterator[tuple[str, str]]:
-    steps = np.diff(time)
-    period = float(np.median(steps))
-    jitter = float(np.max(np.abs(steps - period))) / period
-    if jitter > _JITTER:
-        text = f"steps of time differ by up to {100 * jitter:.3g} % from {period:.6g} s"
-        yield "log.jitter", f"{text}; filters assume even sampling"
+def _check_velocity(recording: Recording, velocity: FloatArray, robot: Robot) -> Iterator[tuple[str, str]]:
+    """Compare the integral of the logged velocity with the position: their ratio tells units and sides."""
+    steps = np.diff(recording.time)[:, None] * (velocity[1:] + velocity[:-1]) / 2.0
+    way = np.vstack([np.zeros((1, velocity.shape[1])), np.cumsum(steps, axis=0)])
+    for index, joint in enumerate(robot.axes):
+        position, integral = _detrend(recording.position[:, index]), _detrend(way[:, index])
+        sizes = float(np.linalg.norm(position)), float(np.linalg.norm(integral))
+        if not min(sizes) or np.ptp(recording.position[:, index]) < _LEAST_WAY:
+            continue
+        likeness = float(position @ integral) / (sizes[0] * sizes[1])
+        ratio = sizes[1] / sizes[0] * np.sign(likeness)
+        if abs(likeness) < _UNLIKE:
+            text = f"the velocity of joint {joint.name!r} is not that of its position"
+            yield (
+                "log.velocity-differs",
+                f"{text}: is the order of the velocity columns that of the positions?",
+            )
+        elif abs(ratio - 1.0) > _RATIO:
+            text = f"the velocity of joint {joint.name!r} is {ratio:.4g} times the rate of its position"
+            yield "log.velocity-differs", f"{text}: {_guess_ratio(ratio, joint.drive.gear)}"
+
+
+def _detrend(values: FloatArray) -> FloatArray:
+    """Return `values` (N,) without their mean and slope: a small bias of a velocity is no mistake."""
+    place = np.linspace(-1.0, 1.0, len(values))
+    left = values - values.mean()
+    flat: FloatArray = left - place * (float(place @ left) / float(place @ place))
+    return flat
+
+
+def _guess_ratio(ratio: float, gear: float) -> str:
+    """Return in words what may stand behind a velocity that is `ratio` times the rate of the position."""
+    known = {
+        -1.0: "one of them has the wrong sign",
+        180.0 / np.pi: "the velocity looks like degrees per second",
+        np.pi / 180.0: "the position looks like degrees",
+        30.0 / np.pi: "the velocity looks like revolutions per minute",
+        1e3: "one of them is in thousandths, or time is in milliseconds",
+        1e-3: "one of them is in thousandths, or time is in milliseconds",
+        gear: "the velocity looks like the motor's",
+        1.0 / gear: "the position looks like the motor's",
+    }
+    hits = [text for value, text in known.items() if abs(ratio / value - 1.0) < _RATIO and value != 1.0]
+    return f"{hits[0] if hits else 'their units or sides differ'}; state unit and side of both under [log]"
 
 
 def _check_position(position: FloatArray, joint: Joint) -> Iterator[tuple[str, str]]:
@@ -92,6 +135,9 @@ def _check_position(position: FloatArray, joint: Joint) -> Iterator[tuple[str, s
         yield "log.beyond-limits", f"{text} {limits[0]:.4g} .. {limits[1]:.4g}; check unit and factor"
     elif joint.kind is JointKind.REVOLUTE and high - low > _MANY_TURNS:
         text = f"joint {joint.name!r} sweeps {high - low:.4g} rad, more than two turns"
+        gear = abs(joint.drive.gear)
+        if gear != 1.0 and (high - low) / gear < _MANY_TURNS / 2.0:
+            text += f" ({(high - low) / gear:.4g} rad by its gear ratio)"
         yield "log.looks-like-degrees", f"{text}; is the log in degrees, or on the motor side?"
 
 

@@ -4,7 +4,7 @@ Input: a path. Output: `RawLog`. The heading names the columns and may state uni
 `t [s],q1 [rad],tau1 [N m]`.
 
 Supported: comma, semicolon or tab between columns; lines that start with # are skipped; an
-empty cell is a missing number (NaN).
+empty cell is a missing number (NaN); columns of words are passed over.
 Not supported: a decimal comma, files without a heading.
 """
 
@@ -20,6 +20,8 @@ __all__ = ["read_csv"]
 
 _SEPARATORS = ",;\t"
 _MOST_TOLD = 5
+_LOOKED_AT = 20
+_QUOTES = ("[", "(", "/", "'", '"')
 
 Cells = list[tuple[int, list[str]]]
 """Lines of a table: number in the file, counted from one, and cells."""
@@ -37,11 +39,30 @@ def read_csv(path: Path) -> RawLog:
     headings = [split_heading(cell) for cell in lines[0][1]]
     names = [name for name, _ in headings]
     _check_heading(str(path), lines[0][0], names)
-    values = _read_numbers(str(path), names, lines[1:])
+    texts = _find_texts(names, lines[1:])
+    kept = [index for index, name in enumerate(names) if name not in texts]
+    if texts:
+        lines = [lines[0], *((number, [cells[index] for index in kept]) for number, cells in lines[1:])]
+    values = _read_numbers(str(path), [names[index] for index in kept], lines[1:])
     return RawLog(
-        columns={name: np.ascontiguousarray(values[:, index]) for index, name in enumerate(names)},
-        units={name: unit for name, unit in headings if unit is not None},
+        columns={names[index]: np.ascontiguousarray(values[:, place]) for place, index in enumerate(kept)},
+        units={name: unit for name, unit in headings if unit is not None and name not in texts},
+        others=texts,
     )
+
+
+def _find_texts(names: list[str], lines: Cells) -> tuple[str, ...]:
+    """Return the columns of words, as of frames: no number in the first lines, nor meant as one."""
+    first = lines[:_LOOKED_AT]
+    if not first or any(len(cells) != len(names) for _, cells in lines):
+        return ()
+    words = [
+        name
+        for index, name in enumerate(names)
+        if all(cells[index].strip()[:1].isalpha() and not _is_number(cells[index]) for _, cells in first)
+        or all(cells[index].strip()[:1] in _QUOTES for _, cells in first)
+    ]
+    return tuple(words) if len(words) < len(names) else ()
 
 
 def _read_lines(path: Path) -> Cells:

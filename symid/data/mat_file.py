@@ -2,8 +2,8 @@
 
 Input: a path. Output: `RawLog`; a field of a structure is the column `structure.field`.
 
-Supported: MAT version 4 and 5 to 7.2, structures inside structures.
-Not supported: version 7.3 (HDF5; save with `-v7`), cells, tables, complex numbers.
+Supported: MAT version 4 and 5 to 7.2, structures inside structures; version 7.3 as `hdf5_file` reads it.
+Not supported: cells, tables, complex numbers.
 """
 
 import zlib
@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from symid.data.hdf5_file import read_hdf5
 from symid.data.table import RawLog, convert_column, refuse_file
 
 __all__ = ["read_mat"]
@@ -28,8 +29,7 @@ def read_mat(path: Path) -> RawLog:
     with path.open("rb") as stream:
         head = stream.read(520)
     if _HDF5 in head:
-        text = "this is a MATLAB 7.3 file (HDF5), which is not supported; save it with save(..., '-v7')"
-        raise refuse_file(str(path), text, "log.format")
+        return read_hdf5(path)
     from scipy.io import loadmat
     from scipy.io.matlab import MatReadError
 

@@ -2,12 +2,12 @@
 
 Input: `RawLog`, the robot's `LogMap`. Output: arrays (N, n); remarks on every conversion.
 
-    columns -> one column a joint -> SI (unit) -> quantity (factor) -> joint side (gear)
+    columns -> one column a joint -> SI (unit) -> quantity (factor) -> joint side (gear or matrix) -> zero
 
 Supported: one column a joint, or one array with a column a joint; without a map, the names
 t, q, dq, tau (arrays) or q1, q2 ... and time, position, velocity, torque, and theta, motor_position or
-link_position for the second encoder of each joint.
-Not supported: coupled drives (a motor that moves two joints).
+link_position for the second encoder of each joint; motors that move several joints.
+Not supported: transmissions that depend on the position.
 """
 
 import difflib
@@ -25,6 +25,7 @@ from symid.data.scales import (
     is_other_dimension,
     join_names,
     look_up_unit,
+    turn_motors,
 )
 from symid.data.table import RawLog
 from symid.robot.description import Robot
@@ -95,13 +96,19 @@ def find_quantity(
         findings.refuse("log.joint-count", text)
         return None, names
     unit = choose_unit(raw, names, asked, "SI", findings)
-    scale = find_scale(name, unit, asked, robot.axes, findings)
+    matrix = robot.log.transmission if is_motor_side(asked) else None
+    scale = find_scale(name, unit, asked, robot.axes, findings, coupled=matrix is not None)
     if scale is None:
         return None, names
-    if np.any(scale != 1.0) or is_motor_side(asked) or is_other_dimension(name, unit, robot.axes):
-        text = describe_scale(name, unit, scale, asked, robot.axes)
+    offset = np.array(asked.offset if asked else (0.0,))
+    moved = is_motor_side(asked) or bool(np.any(offset))
+    if np.any(scale != 1.0) or moved or is_other_dimension(name, unit, robot.axes):
+        text = describe_scale(name, unit, scale, asked, robot.axes, matrix=matrix)
         findings.remark("log.converted", f"{name}: {join_names(names)} {text}")
-    return array * scale, names
+    values = array * scale
+    if matrix is not None:
+        values = turn_motors(name, values, matrix)
+    return (values + offset if offset.any() else values), names
 
 
 def _find_default_names(raw: RawLog, name: str) -> tuple[str, ...]:

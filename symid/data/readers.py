@@ -4,8 +4,8 @@ Input: a path, the robot whose `[log]` map says which column is what. Output: `R
 
     file -> raw columns (by suffix) -> quantities -> checked -> Recording
 
-Supported: .mat (version 7.2 and before), .npz, .csv and .txt with a heading line.
-Not supported: HDF5, Parquet, rosbags.
+Supported: .mat, .npz, .csv and .txt with a heading line, .h5 and .hdf5 where h5py is installed.
+Not supported: Parquet, rosbags.
 """
 
 from collections.abc import Callable
@@ -16,8 +16,10 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.data.csv_file import read_csv
 from symid.data.findings import Findings
+from symid.data.hdf5_file import read_hdf5
 from symid.data.mat_file import read_mat
 from symid.data.npz_file import read_npz
+from symid.data.presets import apply_preset
 from symid.data.quantities import find_quantity, find_time
 from symid.data.recording import Recording
 from symid.data.signals import describe_too_short, describe_uneven, find_least_samples, settle_processing
@@ -26,27 +28,35 @@ from symid.errors import LogError
 from symid.robot.description import Robot
 from symid.robot.log_map import Processing
 
-__all__ = ["READERS", "read_recording"]
+__all__ = ["READERS", "read_raw", "read_recording"]
 
 READERS: dict[str, Callable[[Path], RawLog]] = {
     ".mat": read_mat,
     ".npz": read_npz,
     ".csv": read_csv,
     ".txt": read_csv,
+    ".h5": read_hdf5,
+    ".hdf5": read_hdf5,
 }
 """Which reader a suffix gets."""
 
 _ENCODERS = ("motor_position", "link_position")
 
 
-def read_recording(path: Path, robot: Robot) -> Recording:
+def read_recording(path: Path, robot: Robot, *, uneven: bool = False) -> Recording:
     """Return the recording in the log at `path`, as the robot's `[log]` map reads it.
+
+    Args:
+        path: a file with one of the suffixes of `READERS`.
+        robot: its `[log]` map says which column is what.
+        uneven: whether times may be uneven, repeat or run backwards, for those that look at them.
 
     Raises:
         LogError: the file cannot be read, or its columns cannot be used; all that is wrong is said.
     """
-    raw = _read_raw(path)
+    raw = read_raw(path)
     findings = Findings(file=str(path))
+    robot = apply_preset(raw, robot, findings)
     time, used = find_time(raw, robot, findings)
     samples = None if time is None else len(time)
     values: dict[str, FloatArray | None] = {}
@@ -59,7 +69,7 @@ def read_recording(path: Path, robot: Robot) -> Recording:
     needed = (column for name in ("position", "torque", *_ENCODERS) for column in columns[name])
     _check_numbers(raw, (*used, *needed), findings)
     _check_encoders(columns, findings)
-    if time is not None:
+    if time is not None and not uneven:
         _check_time(time, robot.processing, findings)
     position, torque = values["position"], values["torque"]
     # What is missing is among the mistakes.
@@ -131,7 +141,12 @@ def _remark_unused(names: tuple[str, ...], velocity: tuple[str, ...], findings: 
         findings.remark("log.unused-columns", "; ".join(parts))
 
 
-def _read_raw(path: Path) -> RawLog:
+def read_raw(path: Path) -> RawLog:
+    """Return the columns of the log at `path` as they stand in it.
+
+    Raises:
+        LogError: the file cannot be read.
+    """
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         known = ", ".join(READERS)

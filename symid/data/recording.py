@@ -9,7 +9,26 @@ from dataclasses import dataclass, field
 from symid.arrays import FloatArray, freeze
 from symid.errors import Notice
 
-__all__ = ["Recording", "Signals"]
+__all__ = ["Recording", "RunSettings", "Signals"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunSettings:
+    """What holds for one run alone, where several logs make one fit.
+
+    Args:
+        file: the log; weight: what the squares of its residuals count for.
+        drop_first, drop_last: samples that were cut off before anything else.
+        payload: the name of what the robot carries, empty for nothing.
+        offset: rad or m added to the positions, one for all joints or one a joint.
+    """
+
+    file: str
+    weight: float = 1.0
+    drop_first: int = 0
+    drop_last: int = 0
+    payload: str = ""
+    offset: tuple[float, ...] = (0.0,)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -28,6 +47,7 @@ class Recording:
         source: the file it was read from, or what made it.
         notices: what a reader should know: conversions made, columns not used.
         extras: numeric columns of the log that are none of these, as logged.
+        run: what holds for this run alone, where it is one of several; applied already, but for the weight.
     """
 
     time: FloatArray
@@ -39,6 +59,7 @@ class Recording:
     source: str = ""
     notices: tuple[Notice, ...] = ()
     extras: Mapping[str, FloatArray] = field(default_factory=dict)
+    run: RunSettings | None = None
 
     def __post_init__(self) -> None:
         """Copy the arrays and make them read-only."""

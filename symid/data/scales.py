@@ -3,7 +3,8 @@
 Input: the units that a log and a robot file state. Output: one factor a joint, and its description in
 words; mistakes and remarks go into the findings.
 
-Supported: the closed table of units; factors; motor-side logs; motor currents by their torque constants.
+Supported: the closed table of units; factors; motor-side logs, by gear ratios or by the matrix of a coupled
+transmission; motor currents by their torque constants.
 Not supported: a unit for each joint (give factors and the unit "SI").
 """
 
@@ -14,6 +15,7 @@ from symid.data.findings import Findings
 from symid.data.table import RawLog
 from symid.robot.description import Joint, JointKind
 from symid.robot.log_map import LogQuantity
+from symid.robot.transmission import Matrix, find_condition
 from symid.units import find_unit_factor, nearest_units
 
 __all__ = [
@@ -24,6 +26,7 @@ __all__ = [
     "is_other_dimension",
     "join_names",
     "look_up_unit",
+    "turn_motors",
 ]
 
 _DIMENSIONS = {
@@ -105,9 +108,19 @@ def look_up_unit(unit: str, name: str, findings: Findings) -> tuple[str, float] 
 
 
 def find_scale(
-    name: str, unit: str, asked: LogQuantity | None, joints: tuple[Joint, ...], findings: Findings
+    name: str,
+    unit: str,
+    asked: LogQuantity | None,
+    joints: tuple[Joint, ...],
+    findings: Findings,
+    *,
+    coupled: bool = False,
 ) -> FloatArray | None:
-    """Return what each joint's column is multiplied by, (n,)."""
+    """Return what each joint's column is multiplied by, (n,).
+
+    Gear ratios of a motor-side quantity are in it unless it is `coupled`: a transmission matrix then
+    follows, whose entries may turn the angles of motors into lengths.
+    """
     found = look_up_unit(unit, name, findings)
     if found is None:
         return None
@@ -116,6 +129,8 @@ def find_scale(
     wanted = _DIMENSIONS[name]
     for joint in joints:
         if dimension in ("SI", wanted[joint.kind]) or any(value != 1.0 for value in factor):
+            continue
+        if coupled and dimension in wanted.values():
             continue
         # A robot file that names such a unit was asked for its factor, which may well be 1.
         if asked is None or dimension not in _CONVERTIBLE:
@@ -126,7 +141,8 @@ def find_scale(
     if len(factor) not in (1, len(joints)):
         findings.refuse("log.factor-count", f"{name}: {len(factor)} factors for {len(joints)} joints")
         return None
-    gear = np.array([joint.drive.gear for joint in joints]) if is_motor_side(asked) else np.ones(len(joints))
+    geared = is_motor_side(asked) and not coupled
+    gear = np.array([joint.drive.gear for joint in joints]) if geared else np.ones(len(joints))
     turned = gear if name == "torque" else 1.0 / gear
     return np.broadcast_to(np.array(factor), (len(joints),)) * to_si * turned
 
@@ -142,23 +158,48 @@ def is_other_dimension(name: str, unit: str, joints: tuple[Joint, ...]) -> bool:
     return find_unit_factor(unit)[0] not in {"SI", *wanted}
 
 
+def turn_motors(name: str, values: FloatArray, matrix: Matrix) -> FloatArray:
+    """Return what the motors do (N, n) as what the joints do: T^-1 for motions, T' for torques."""
+    rows = np.array(matrix)
+    turned: FloatArray = values @ rows if name == "torque" else np.linalg.solve(rows, values.T).T
+    return np.ascontiguousarray(turned)
+
+
 def describe_scale(
-    name: str, unit: str, scale: FloatArray, asked: LogQuantity | None, joints: tuple[Joint, ...]
+    name: str,
+    unit: str,
+    scale: FloatArray,
+    asked: LogQuantity | None,
+    joints: tuple[Joint, ...],
+    *,
+    matrix: Matrix | None = None,
 ) -> str:
-    """Return in words what the columns were multiplied by, and where that comes from."""
+    """Return in words what was done to the columns, and where that comes from."""
     text = f"in {unit} was multiplied by {_list_values(scale)}"
-    gears = np.array([joint.drive.gear for joint in joints])
-    if is_motor_side(asked):
-        return f"{text} (motor side, gear included: {_list_values(gears)})"
+    if matrix is not None:
+        what = "the transpose" if name == "torque" else "the inverse"
+        condition = find_condition(matrix) or np.inf
+        text += f" and {what} of the transmission matrix (motor side; its condition is {condition:.3g})"
+    elif is_motor_side(asked):
+        text += f" (motor side, gear included: {_list_gears(joints)})"
+    else:
+        text += _explain_currents(name, unit, scale, joints)
+    offset = np.array(asked.offset if asked else (0.0,))
+    return f"{text}; {_list_values(offset)} was added" if offset.any() else text
+
+
+def _explain_currents(name: str, unit: str, scale: FloatArray, joints: tuple[Joint, ...]) -> str:
     constants = np.array([joint.drive.torque_constant or 0.0 for joint in joints])
+    gears = np.array([joint.drive.gear for joint in joints])
     dimension, to_si = find_unit_factor(unit)
-    if (
-        name == "torque"
-        and dimension == "current"
-        and np.allclose(scale, to_si * gears * constants, 1e-12, 0)
-    ):
-        return f"{text} (torque constant {_list_values(constants)} N m/A times gear {_list_values(gears)})"
-    return text
+    known = name == "torque" and dimension == "current"
+    if not known or not np.allclose(scale, to_si * gears * constants, 1e-12, 0):
+        return ""
+    return f" (torque constant {_list_values(constants)} N m/A times gear {_list_gears(joints)})"
+
+
+def _list_gears(joints: tuple[Joint, ...]) -> str:
+    return _list_values(np.array([joint.drive.gear for joint in joints]))
 
 
 def _list_values(values: FloatArray) -> str:

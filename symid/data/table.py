@@ -3,6 +3,7 @@
 Output of the readers of each format; input of `readers.read_recording`.
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -12,6 +13,8 @@ from symid.arrays import FloatArray, freeze
 from symid.errors import LogError, Notice
 
 __all__ = ["RawLog", "convert_column", "refuse_file", "split_heading"]
+
+_INDEX = re.compile(r"\S\[\d+\]$")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -38,9 +41,12 @@ def convert_column(values: object) -> FloatArray | None:
 
 
 def split_heading(heading: str) -> tuple[str, str | None]:
-    """Return name and unit of a heading such as `tau1 [N m]`; the unit is None where none is stated."""
+    """Return name and unit of a heading such as `tau1 [N m]`; the unit is None where none is stated.
+
+    A number in brackets right after a name, as in `q[0]`, is part of the name.
+    """
     text = heading.strip()
-    if text.endswith("]") and "[" in text:
+    if text.endswith("]") and "[" in text and not _INDEX.search(text):
         name, _, unit = text[:-1].partition("[")
         return name.strip(), unit.strip()
     return text, None

@@ -1,6 +1,6 @@
-"""From a recording to a log file that `read_recording` reads without a `[log]` map.
+"""From a recording to a log file that `read_recording` reads without a `[log]` map, or from raw columns.
 
-Input: `Recording`, the robot. Output: a .npz or .csv file, written whole or not at all.
+Input: `Recording` and the robot, or `RawLog`. Output: a .npz or .csv file, written whole or not at all.
 
 Supported: time, position, velocity and second encoder where there are such, torque, in SI units with the
 units stated.
@@ -12,6 +12,7 @@ import io
 import os
 import tempfile
 import zipfile
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import IO
 
@@ -20,11 +21,12 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.data.npz_file import UNITS
 from symid.data.recording import Recording
+from symid.data.table import RawLog
 from symid.errors import Notice, OutputError
 from symid.notation import find_unit
 from symid.robot.description import JointKind, Robot
 
-__all__ = ["write_recording"]
+__all__ = ["write_log", "write_recording"]
 
 _MODE = 0o644
 """Rights of a log, less those that the user's umask withholds; temporary files have fewer."""
@@ -37,16 +39,42 @@ def write_recording(recording: Recording, path: Path, robot: Robot) -> Path:
         OutputError: the suffix is another one, or the folder cannot be written.
     """
     writers = {".npz": _write_npz, ".csv": _write_csv}
-    writer = writers.get(path.suffix.lower())
-    if writer is None:
-        text = f"a log is written as {' or '.join(writers)}, got {path.suffix or 'no suffix'}"
+    writer = writers[_check_suffix(path, writers)]
+    return _write_whole(path, lambda stream: writer(stream, recording, robot))
+
+
+def write_log(raw: RawLog, path: Path) -> Path:
+    """Write columns as they were logged, with their names and units, to `path` (.npz or .csv).
+
+    Raises:
+        OutputError: the suffix is another one, a column does not fit into a line of a .csv, or the folder
+            cannot be written.
+    """
+    writers = {".npz": _write_raw_npz, ".csv": _write_raw_csv}
+    writer = writers[_check_suffix(path, writers)]
+    shapes = {values.shape for values in raw.columns.values()}
+    if writer is _write_raw_csv and (len(shapes) > 1 or any(len(shape) > 1 for shape in shapes)):
+        text = "a .csv holds columns of one number a sample; this log has arrays or columns of other lengths"
+        raise OutputError(Notice(code="output.no-table", text=f"{text}: write it as .npz", file=str(path)))
+    return _write_whole(path, lambda stream: writer(stream, raw))
+
+
+def _check_suffix(path: Path, known: Iterable[str]) -> str:
+    suffix = path.suffix.lower()
+    if suffix not in known:
+        text = f"a log is written as {' or '.join(known)}, got {path.suffix or 'no suffix'}"
         raise OutputError(Notice(code="output.unknown-suffix", text=text, file=str(path)))
+    return suffix
+
+
+def _write_whole(path: Path, write: Callable[[IO[bytes]], None]) -> Path:
+    """Write the file whole or not at all."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
         try:
             with os.fdopen(handle, "wb") as stream:
-                writer(stream, recording, robot)
+                write(stream)
             Path(temporary).chmod(_MODE & ~_read_umask())
             Path(temporary).replace(path)
         except BaseException:
@@ -93,6 +121,18 @@ def _write_npz(stream: IO[bytes], recording: Recording, robot: Robot) -> None:
     _write_archive(stream, arrays)
 
 
+def _write_raw_npz(stream: IO[bytes], raw: RawLog) -> None:
+    arrays: dict[str, np.ndarray] = dict(raw.columns)
+    if raw.units:
+        arrays[UNITS] = np.array([f"{name} [{unit}]" for name, unit in raw.units.items()])
+    _write_archive(stream, arrays)
+
+
+def _write_raw_csv(stream: IO[bytes], raw: RawLog) -> None:
+    headings = [f"{name} [{raw.units[name]}]" if name in raw.units else name for name in raw.columns]
+    _write_table(stream, headings, np.stack(list(raw.columns.values()), axis=1))
+
+
 def _write_archive(stream: IO[bytes], arrays: dict[str, np.ndarray]) -> None:
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, values in arrays.items():
@@ -108,7 +148,11 @@ def _write_csv(stream: IO[bytes], recording: Recording, robot: Robot) -> None:
         units = _find_units(name, robot)
         headings += [f"{name}{number} [{unit}]" for number, unit in enumerate(units, 1)]
         columns.append(values)
+    _write_table(stream, headings, np.hstack(columns))
+
+
+def _write_table(stream: IO[bytes], headings: list[str], values: FloatArray) -> None:
     with io.TextIOWrapper(stream, encoding="utf-8", newline="", write_through=True) as text:
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(headings)
-        writer.writerows([repr(value) for value in row] for row in np.hstack(columns).tolist())
+        writer.writerows([repr(value) for value in row] for row in values.tolist())

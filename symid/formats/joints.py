@@ -223,7 +223,7 @@ def _read_kind(section: Section) -> JointKind | None:
 
 
 def _read_limits(section: Section, *, prismatic: bool) -> Limits:
-    table = read_table(section, "limits", ("position", "velocity", "torque"))
+    table = read_table(section, "limits", ("position", "velocity", "acceleration", "jerk", "torque"))
     if table is None:
         return Limits()
     unit = "m" if prismatic else "rad"
@@ -238,10 +238,10 @@ def _read_limits(section: Section, *, prismatic: bool) -> Limits:
     if section.values.get("kind") == "continuous" and "position" in table.values:
         text = 'a continuous joint has none; leave them out, or write kind = "revolute"'
         table.refuse_key("robot.continuous-limits", "position", text)
-    velocity = read_number(table, "velocity", f"{unit}/s", POSITIVE)
-    torque = read_number(table, "torque", "N" if prismatic else "N*m", POSITIVE)
+    units = {"velocity": f"{unit}/s", "acceleration": f"{unit}/s^2", "jerk": f"{unit}/s^3"}
+    units["torque"] = "N" if prismatic else "N*m"
+    found = {key: read_number(table, key, units[key], POSITIVE) for key in units}
     return Limits(
         position=(float(position[0]), float(position[1])) if position else None,
-        velocity=None if velocity is None else float(velocity),
-        torque=None if torque is None else float(torque),
+        **{key: None if value is None else float(value) for key, value in found.items()},
     )

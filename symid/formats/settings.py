@@ -3,14 +3,14 @@
 Input: the tables of a robot file, or of a file overridden on the command line. Output: `LogMap` and
 `Processing`; and back to plain tables, so that settings can be overridden and checked anew.
 
-Supported: one column per joint, one array for all joints; units of the closed table.
-Not supported: a unit for each joint (give a factor for each joint instead).
+Supported: quantities as `log_quantities` reads them, a transmission matrix.
 """
 
 from collections.abc import Sequence
 from decimal import Decimal
 from typing import Any
 
+from symid.formats.log_quantities import read_quantity, read_unit
 from symid.formats.section import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -22,11 +22,11 @@ from symid.formats.section import (
     read_number,
     read_table,
     read_text,
-    to_decimal,
 )
-from symid.robot.description import Joint, JointKind
+from symid.formats.transmission import read_transmission
+from symid.robot.description import Joint
 from symid.robot.log_map import Decimation, LogMap, LogQuantity, Processing
-from symid.units import find_unit_factor, nearest_units
+from symid.units import find_unit_factor
 
 __all__ = ["list_log", "list_processing", "read_log", "read_processing"]
 
@@ -43,19 +43,8 @@ _PROCESSING = (
 )
 _FREEDOMS = ("band", "parameters", "one")
 _QUANTITIES = ("time", "position", "velocity", "torque", "motor_position", "link_position")
-_NATURAL = {
-    "position": {JointKind.REVOLUTE: "angle", JointKind.PRISMATIC: "length"},
-    "velocity": {JointKind.REVOLUTE: "angular velocity", JointKind.PRISMATIC: "velocity"},
-    "torque": {JointKind.REVOLUTE: "torque", JointKind.PRISMATIC: "force"},
-}
-_NATURAL["motor_position"] = _NATURAL["link_position"] = _NATURAL["position"]
-# What a factor may turn into the quantity: encoder counts, sensor voltages, motor angles of a spindle.
-_CONVERTIBLE = {
-    "position": ("angle", "length", "voltage", "number"),
-    "velocity": ("angular velocity", "velocity", "voltage", "number"),
-    "torque": ("torque", "force", "voltage", "current", "number"),
-}
-_CONVERTIBLE["motor_position"] = _CONVERTIBLE["link_position"] = _CONVERTIBLE["position"]
+_TRANSMISSION = "transmission"
+_PRESETS = ("symid", "ros", "ur-rtde", "franka")
 _NONE = "none"
 _HIGHEST_ORDER = Range(low=1, high=16)
 _LARGEST_RIPPLE = 3.0
@@ -102,17 +91,20 @@ def _read_decimation(table: Section) -> Decimation:
 def read_log(root: Section, joints: Sequence[Joint]) -> LogMap:
     """Return the `[log]` table for a robot with these joints; those that follow another have no column."""
     joints = [joint for joint in joints if joint.mimic is None]
-    table = read_table(root, "log", _QUANTITIES)
+    table = read_table(root, "log", (*_QUANTITIES, _TRANSMISSION, "preset"))
     if table is None:
         return LogMap()
     _refuse_both(table)
+    coupled = _TRANSMISSION in table.values
     return LogMap(
         time=_read_time(table),
-        position=_read_quantity(table, "position", joints),
-        velocity=_read_quantity(table, "velocity", joints),
-        torque=_read_quantity(table, "torque", joints),
-        motor_position=_read_quantity(table, "motor_position", joints),
-        link_position=_read_quantity(table, "link_position", joints),
+        position=read_quantity(table, "position", joints, coupled=coupled),
+        velocity=read_quantity(table, "velocity", joints, coupled=coupled),
+        torque=read_quantity(table, "torque", joints, coupled=coupled),
+        motor_position=read_quantity(table, "motor_position", joints, coupled=coupled),
+        link_position=read_quantity(table, "link_position", joints, coupled=coupled),
+        transmission=read_transmission(table, joints),
+        preset=read_choice(table, "preset", _PRESETS),
     )
 
 
@@ -133,123 +125,12 @@ def _read_time(table: Section) -> LogQuantity | None:
     if "column" not in section.values:
         section.refuse_key("robot.missing-key", "column", 'missing; write column = "t"')
     column = read_text(section, "column")
-    unit = _read_unit(section, "s")
+    unit = read_unit(section, "s")
     if unit and find_unit_factor(unit)[0] not in ("time", "SI"):
         section.refuse(
             "robot.wrong-unit", "unit", f"expected a unit of time (s, ms, us), got {section.show('unit')}"
         )
     return LogQuantity(columns=(column or "t",), unit=unit or "s")
-
-
-def _read_quantity(table: Section, name: str, joints: Sequence[Joint]) -> LogQuantity | None:
-    section = read_table(table, name, ("columns", "unit", "factor", "side"))
-    if section is None:
-        return None
-    columns = _read_columns(section, len(joints))
-    natural = _find_natural_unit(name, joints)
-    unit = _read_unit(section, natural)
-    factor = _read_factor(section, len(joints))
-    if unit:
-        factor = _check_unit(section, name, unit, factor, joints)
-    side = read_choice(section, "side", ("joint", "motor")) or "joint"
-    if unit and find_unit_factor(unit)[0] == "current" and "factor" not in section.values:
-        # The torque constants and gear ratios have brought the current to the joint side.
-        side = "joint"
-    return LogQuantity(columns=columns, unit=unit or natural, factor=factor or (1.0,), side=side)
-
-
-def _find_natural_unit(name: str, joints: Sequence[Joint]) -> str:
-    """Return the SI unit of a quantity, for messages; "SI" where joints differ."""
-    units = {
-        "angle": "rad",
-        "length": "m",
-        "angular velocity": "rad/s",
-        "velocity": "m/s",
-        "torque": "N m",
-        "force": "N",
-    }
-    found = {units[_NATURAL[name][joint.kind]] for joint in joints}
-    return found.pop() if len(found) == 1 else "SI"
-
-
-def _read_columns(section: Section, size: int) -> tuple[str, ...]:
-    value: Any = section.values.get("columns")
-    if value is None:
-        text = 'missing; write columns = ["q1", "q2"], one for each joint, or columns = ["q"], an array'
-        section.refuse_key("robot.missing-key", "columns", text)
-        return ()
-    names = [value] if isinstance(value, str) else value
-    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        section.refuse(
-            "robot.wrong-type", "columns", f"expected a list of texts, got {section.show('columns')}"
-        )
-        return ()
-    if len(names) not in (1, size):
-        text = (
-            f"{len(names)} columns for {size} joints; give one for each joint, or one array with all of them"
-        )
-        section.refuse("robot.column-count", "columns", text)
-    return tuple(names)
-
-
-def _read_unit(section: Section, natural: str) -> str | None:
-    if "unit" not in section.values:
-        section.refuse_key(
-            "robot.missing-key", "unit", f'missing; units are never guessed: write unit = "{natural}"'
-        )
-    unit = read_text(section, "unit")
-    if unit is None:
-        return None
-    try:
-        find_unit_factor(unit)
-    except KeyError:
-        near = nearest_units(unit)
-        hint = f"did you mean {' or '.join(near)}?" if near else f'write the unit as in unit = "{natural}"'
-        section.refuse("robot.unknown-unit", "unit", f"there is no unit {section.show('unit')}; {hint}")
-        return None
-    return unit
-
-
-def _read_factor(section: Section, size: int) -> tuple[float, ...] | None:
-    value: Any = section.values.get("factor")
-    if value is None:
-        return None
-    listed = value if isinstance(value, list) else [value]
-    if len(listed) not in (1, size):
-        text = f"{len(listed)} factors for {size} joints; give one for each joint, or one for all"
-        section.refuse("robot.column-count", "factor", text)
-        return None
-    numbers = [to_decimal(element) for element in listed]
-    if not all(numbers):
-        found = section.show("factor")
-        section.refuse("robot.wrong-type", "factor", f"expected numbers other than 0, got {found}")
-        return None
-    return tuple(float(number) for number in numbers if number is not None)
-
-
-def _check_unit(
-    section: Section, name: str, unit: str, factor: tuple[float, ...] | None, joints: Sequence[Joint]
-) -> tuple[float, ...] | None:
-    """Return the factor that goes with the unit, made of torque constants for a motor current."""
-    dimension = find_unit_factor(unit)[0]
-    natural = {_NATURAL[name][joint.kind] for joint in joints}
-    if dimension == "SI" or natural == {dimension} or not joints:
-        return factor
-    if dimension not in _CONVERTIBLE[name]:
-        wanted = " or ".join(sorted(natural))
-        section.refuse("robot.wrong-unit", "unit", f"expected a unit of {wanted}, got {section.show('unit')}")
-        return factor
-    if "factor" in section.values:
-        return factor
-    constants = [joint.drive.torque_constant for joint in joints]
-    if dimension == "current" and all(constants):
-        return tuple(joint.drive.gear * (joint.drive.torque_constant or 0.0) for joint in joints)
-    target = _find_natural_unit(name, joints)
-    text = f"{section.show('unit')} needs a factor that turns it into {target}, such as factor = 1.5"
-    if dimension == "current":
-        text += ", or give every joint a drive with torque_constant"
-    section.refuse("robot.missing-factor", "unit", text)
-    return factor
 
 
 def list_processing(processing: Processing) -> dict[str, Any]:
@@ -275,7 +156,9 @@ def list_processing(processing: Processing) -> dict[str, Any]:
 
 def list_log(log: LogMap) -> dict[str, Any]:
     """Return the map as a table that `read_log` reads back."""
-    table: dict[str, Any] = {}
+    table: dict[str, Any] = {} if log.preset is None else {"preset": log.preset}
+    if log.transmission is not None:
+        table[_TRANSMISSION] = [[_exactly(entry) for entry in row] for row in log.transmission]
     for name in _QUANTITIES:
         quantity: LogQuantity | None = getattr(log, name)
         if quantity is None:
@@ -289,6 +172,8 @@ def list_log(log: LogMap) -> dict[str, Any]:
             "factor": [_exactly(number) for number in quantity.factor],
             "side": quantity.side,
         }
+        if any(quantity.offset):
+            table[name]["offset"] = [_exactly(number) for number in quantity.offset]
     return table
 
 

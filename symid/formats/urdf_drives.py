@@ -15,10 +15,12 @@ from symid.formats.urdf_joints import UrdfJoint
 from symid.formats.urdf_values import Reading, read_decimal, read_name
 from symid.robot.description import Drive
 
-__all__ = ["read_drives"]
+__all__ = ["ROTORS", "read_drives"]
 
 _REDUCTIONS = ("mechanicalReduction", "mechanical_reduction", "drake:gear_ratio")
-_ROTORS = ("motorInertia", "motor_inertia", "rotorInertia", "rotor_inertia", "drake:rotor_inertia")
+ROTORS = ("motorInertia", "motor_inertia", "rotorInertia", "rotor_inertia", "drake:rotor_inertia")
+"""Elements of an actuator that hold its rotor's inertia, on the motor's side."""
+
 _KNOWN = ("type", "joint", "actuator", *_REDUCTIONS)
 # What says how a controller talks to the joint, and nothing about the mechanics.
 _SILENT = ("hardwareInterface", "role")
@@ -41,7 +43,7 @@ def read_drives(reading: Reading, joints: Mapping[str, UrdfJoint]) -> dict[str, 
             reading.skip("<transmission> that is not one actuator on one joint", element)
             continue
         owner = f"transmission '{element.attributes.get('name', '')}'"
-        for part, known in ((element, _KNOWN), (joint, _REDUCTIONS), (actuator, (*_REDUCTIONS, *_ROTORS))):
+        for part, known in ((element, _KNOWN), (joint, _REDUCTIONS), (actuator, (*_REDUCTIONS, *ROTORS))):
             reading.skip_others(part, (*known, *_SILENT), ("name", "type"))
         name = read_name(reading, owner, joint, "name")
         if name is not None and (name not in joints or not joints[name].moves):
@@ -63,7 +65,7 @@ def read_drives(reading: Reading, joints: Mapping[str, UrdfJoint]) -> dict[str, 
 def _read_drive(reading: Reading, owner: str, parts: tuple[Element, Element, Element]) -> Drive | None:
     errors = len(reading.report.errors)
     reductions = [child for part in parts for child in part.find_all(*_REDUCTIONS)]
-    rotors = list(parts[0].find_all(*_ROTORS))
+    rotors = list(parts[0].find_all(*ROTORS))
     reduction = _read_one(reading, owner, reductions, "mechanical reductions")
     inertia = _read_one(reading, owner, rotors, "rotor inertias")
     if reduction == 0:

@@ -262,6 +262,10 @@ def _write_limits(joint: Joint, *, prismatic: bool) -> Iterator[str]:
         lines.append(add_comment(f"position = [{low}, {high}]", unit))
     if limits.velocity is not None:
         lines.append(add_comment(f"velocity = {write_number(limits.velocity)}", f"{unit}/s"))
+    if limits.acceleration is not None:
+        lines.append(add_comment(f"acceleration = {write_number(limits.acceleration)}", f"{unit}/s^2"))
+    if limits.jerk is not None:
+        lines.append(add_comment(f"jerk = {write_number(limits.jerk)}", f"{unit}/s^3"))
     if limits.torque is not None:
         lines.append(add_comment(f"torque = {write_number(limits.torque)}", "N" if prismatic else "N m"))
     if lines:

@@ -113,6 +113,8 @@ class Limits:
     position: tuple[float, float] | None = None
     velocity: float | None = None
     torque: float | None = None
+    acceleration: float | None = None
+    jerk: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

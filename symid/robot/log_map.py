@@ -18,18 +18,26 @@ class LogQuantity:
     `unit`: of the logged numbers *after* multiplication by `factor` is not applied: the unit is
     that of the raw column; `factor` (one per joint or one for all) turns raw SI into the quantity,
     for example N/V for a motor command in volt. `side` is "joint" or "motor": where the quantity,
-    after `factor`, was measured; what is meant on the motor side is converted with the gear ratio.
+    after `factor`, was measured; what is meant on the motor side is converted with the gear ratios, or
+    with the transmission matrix where the map has one. `offset` (rad or m, one per joint or one for all)
+    is added to a position last, on the joint side.
     """
 
     columns: tuple[str, ...]
     unit: str
     factor: tuple[float, ...] = (1.0,)
     side: str = "joint"
+    offset: tuple[float, ...] = (0.0,)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogMap:
-    """Which column of a log is what. A quantity that is None is looked up under its own name."""
+    """Which column of a log is what. A quantity that is None is looked up under its own name.
+
+    `transmission` is the matrix T (n, n) of motors that move more than one joint: angles of the motors =
+    T (angles of the joints), and so torques of the joints = T' (torques of the motors). None: gear ratios.
+    `preset` names the program that wrote the log, whose columns stand in for quantities that are None.
+    """
 
     time: LogQuantity | None = None
     position: LogQuantity | None = None
@@ -37,6 +45,8 @@ class LogMap:
     torque: LogQuantity | None = None
     motor_position: LogQuantity | None = None
     link_position: LogQuantity | None = None
+    transmission: tuple[tuple[float, ...], ...] | None = None
+    preset: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

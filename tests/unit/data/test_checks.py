@@ -81,3 +81,34 @@ def test_limits(check):
     found = check(limits=Limits(position=(-0.5, 0.5), torque=0.9))
     assert "beyond its limits -0.5 .. 0.5" in found["log.beyond-limits"]
     assert "beyond its limit 0.9" in found["log.torque-beyond-limit"]
+
+
+RATE = np.column_stack([3.0 * np.cos(3 * T), -2.0 * np.sin(2 * T)])
+
+
+@pytest.mark.parametrize(
+    ("factor", "text"),
+    [
+        (-1.0, "is -1 times the rate of its position: one of them has the wrong sign"),
+        (180.0 / np.pi, "looks like degrees per second"),
+        (np.pi / 180.0, "the position looks like degrees"),
+        (30.0 / np.pi, "revolutions per minute"),
+        (1e-3, "thousandths"),
+        (3.0, "their units or sides differ"),
+    ],
+)
+def test_a_velocity_in_other_units(check, factor, text):
+    found = check(velocity=RATE * [1.0, factor])
+    assert text in found["log.velocity-differs"]
+    assert "joint 'joint2'" in found["log.velocity-differs"]
+
+
+def test_the_velocity_of_another_joint(check):
+    found = check(velocity=RATE[:, ::-1])["log.velocity-differs"]
+    assert "is the order of the velocity columns that of the positions?" in found
+
+
+def test_a_biased_and_noisy_velocity_is_no_mistake(check):
+    noise = np.random.default_rng(0).normal(size=RATE.shape)
+    assert check(velocity=RATE + 0.05 + 0.2 * noise) == {}
+    assert check(velocity=np.where(T[:, None] == 0.5, np.nan, 9.0 * RATE)) == {}

@@ -216,6 +216,20 @@ MISTAKES = [
         "2 factors for 1 joints",
     ),
     (
+        "robot.transmission-shape",
+        HEAD + JOINT + "[log]\ntransmission = [[1, 2]]\n",
+        7,
+        16,
+        "expected 1 rows of 1 numbers",
+    ),
+    (
+        "robot.transmission-singular",
+        HEAD + JOINT + "[log]\ntransmission = [[0]]\n",
+        7,
+        16,
+        "has no inverse",
+    ),
+    (
         "robot.two-encoders",
         HEAD
         + JOINT
@@ -463,6 +477,13 @@ REMARKS = [
         6,
         46,
         "friction coefficients are positive",
+    ),
+    (
+        "robot.transmission-gear",
+        "drive = { gear = 50 }\n[log]\ntransmission = [[40]]\n",
+        8,
+        18,
+        "motor 1 turns 40 times per turn",
     ),
     (
         "robot.elastic-joint",

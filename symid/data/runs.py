@@ -1,0 +1,194 @@
+"""Several logs as one set: a small TOML file that says what holds for each run alone.
+
+Input: the path of a log, or of a `.toml` with `[[run]]` tables. Output: recordings with their `RunSettings`.
+
+    [[run]]
+    file = "monday.npz"            # beside this file, or a whole path
+    weight = 2                     # what the squares of its residuals count for; 1
+    drop_first = 500               # samples cut off before anything else; 0
+    drop_last = 0
+    payload = "gripper"            # the name of what the robot carries; none
+    offset = [0, "0.2 deg"]        # rad or m, one number or one a joint, added to the positions
+
+Supported: as many runs as wanted, of one file each; a file may come twice with other samples.
+Not supported: other columns or units for single runs: they have the `[log]` of the robot file in common.
+"""
+
+import tomllib
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from symid.data.cuts import cut_ends
+from symid.data.readers import read_recording
+from symid.data.recording import Recording, RunSettings
+from symid.data.table import refuse_file
+from symid.errors import LogError, Notice, RobotError
+from symid.formats.constants import read_constant
+from symid.formats.positions import find_places
+from symid.formats.section import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    Report,
+    Section,
+    read_integer,
+    read_number,
+    read_text,
+    refuse_unknown_keys,
+)
+from symid.formats.text_file import read_text_file
+from symid.robot.description import Robot
+
+__all__ = ["check_one_payload", "describe_runs", "find_weights", "list_files", "read_log_runs", "read_runs"]
+
+_SUFFIX = ".toml"
+_KEYS = ("file", "weight", "drop_first", "drop_last", "payload", "offset")
+
+
+def read_log_runs(path: Path, robot: Robot, *, uneven: bool = False) -> tuple[Recording, ...]:
+    """Return the recording of a log, or those of all runs of a `.toml`.
+
+    Args:
+        path: of a log, or of a file with `[[run]]` tables.
+        robot: its `[log]` map says which column is what.
+        uneven: as for `read_recording`.
+
+    Raises:
+        LogError: with all that is wrong with the file of runs, or with any log.
+    """
+    if path.suffix.lower() != _SUFFIX:
+        return (read_recording(path, robot, uneven=uneven),)
+    recordings: list[Recording] = []
+    notices: list[Notice] = []
+    for run in read_runs(path, robot):
+        try:
+            recordings.append(_apply(read_recording(Path(run.file), robot, uneven=uneven), run))
+        except LogError as error:
+            notices += error.notices
+    if notices:
+        raise LogError(*notices)
+    return tuple(recordings)
+
+
+def list_files(paths: Sequence[Path], robot: Robot) -> tuple[Path, ...]:
+    """Return the log files behind `paths`, those of runs in place of their `.toml`.
+
+    Raises:
+        LogError: a file of runs is wrong.
+    """
+    found: list[Path] = []
+    for path in paths:
+        if path.suffix.lower() == _SUFFIX:
+            found += [Path(run.file) for run in read_runs(path, robot)]
+        else:
+            found.append(path)
+    return tuple(dict.fromkeys(found))
+
+
+def read_runs(path: Path, robot: Robot) -> tuple[RunSettings, ...]:
+    """Return the runs that the file at `path` lists.
+
+    Raises:
+        LogError: with a notice for each mistake, at its place.
+    """
+    try:
+        text = read_text_file(path).replace("\r\n", "\n")
+        values = tomllib.loads(text, parse_float=Decimal)
+    except RobotError as error:
+        raise LogError(*map(_rename, error.notices)) from error
+    except tomllib.TOMLDecodeError as error:
+        raise refuse_file(str(path), f"not valid TOML: {error}", "runs.syntax") from error
+    report = Report(find_places(text, str(path)))
+    root = Section(values=values, path=(), report=report)
+    refuse_unknown_keys(root, ("run",))
+    tables: Any = values.get("run")
+    if not isinstance(tables, list) or not tables or not all(isinstance(table, dict) for table in tables):
+        root.refuse_key("runs.no-run", "run", 'there is none; write [[run]] and file = "log.npz" below it')
+        tables = []
+    runs = tuple(
+        _read_run(
+            Section(values=table, path=("run", index), report=report, label=f"run {index + 1}"), path, robot
+        )
+        for index, table in enumerate(tables)
+    )
+    if report.errors:
+        raise LogError(*map(_rename, report.notices()))
+    return runs
+
+
+def _rename(notice: Notice) -> Notice:
+    """Return the notice with a code of its own: the file is no robot file."""
+    return replace(notice, code=notice.code.replace("robot.", "runs.", 1))
+
+
+def _read_run(section: Section, path: Path, robot: Robot) -> RunSettings:
+    refuse_unknown_keys(section, _KEYS)
+    file = read_text(section, "file")
+    if "file" not in section.values:
+        section.refuse_key("runs.missing-key", "file", 'missing; write file = "log.npz"')
+    weight = read_number(section, "weight", "", POSITIVE)
+    return RunSettings(
+        file=str(path.parent / (file or "")),
+        weight=1.0 if weight is None else float(weight),
+        drop_first=read_integer(section, "drop_first", NOT_NEGATIVE) or 0,
+        drop_last=read_integer(section, "drop_last", NOT_NEGATIVE) or 0,
+        payload=read_text(section, "payload") or "",
+        offset=_read_offset(section, robot.freedom),
+    )
+
+
+def _read_offset(section: Section, size: int) -> tuple[float, ...]:
+    value: Any = section.values.get("offset")
+    if not isinstance(value, list):
+        return (read_constant(section, "offset", "rad or m") or 0.0,)
+    if len(value) not in (1, size):
+        text = f"{len(value)} offsets for {size} joints; give one for each joint, or one for all"
+        section.refuse("robot.column-count", "offset", text)
+        return (0.0,)
+    return tuple(read_constant(section, "offset", "rad or m", index) or 0.0 for index in range(len(value)))
+
+
+def _apply(recording: Recording, run: RunSettings) -> Recording:
+    """Return the recording cut and moved as the run says, with notices that say so."""
+    cut = cut_ends(recording, run.drop_first, run.drop_last)
+    if any(run.offset):
+        added = ", ".join(f"{value:.10g}" for value in run.offset)
+        text = f"{added} was added to the positions, as the run asks for"
+        notice = Notice(code="log.offset", text=text, file=recording.source)
+        moved = cut.position + np.array(run.offset)
+        cut = replace(cut, position=moved, notices=(*cut.notices, notice))
+    return replace(cut, run=run)
+
+
+def find_weights(recordings: Sequence[Recording]) -> tuple[float, ...] | None:
+    """Return what the squares of each recording's residuals count for; None where all count alike."""
+    weights = tuple(1.0 if recording.run is None else recording.run.weight for recording in recordings)
+    return None if len(set(weights)) == 1 else weights
+
+
+def describe_runs(recordings: Sequence[Recording]) -> dict[str, object]:
+    """Return the settings of the runs for the echo in a result; nothing where there are none."""
+    runs = [recording.run for recording in recordings]
+    if not any(runs):
+        return {}
+    return {"runs": [{} if run is None else asdict(run) for run in runs]}
+
+
+def check_one_payload(recordings: Sequence[Recording]) -> None:
+    """Refuse runs with different payloads for a fit of one set of parameters.
+
+    Raises:
+        LogError: there is more than one payload.
+    """
+    names = sorted({recording.run.payload if recording.run else "" for recording in recordings})
+    if len(names) > 1:
+        listed = ", ".join(repr(name) if name else "none" for name in names)
+        text = (
+            f"the runs carry different payloads ({listed}), and base parameters hold for one of them: "
+            "identify those of each payload alone, and give the estimates to `symid payload`"
+        )
+        raise LogError(Notice(code="log.payloads-differ", text=text))
