@@ -9,7 +9,7 @@ with the ramp r(t) = 10 s^3 - 15 s^4 + 6 s^5, s = min(t / ramp, 1): value, slope
 zero at t = 0, so every trajectory starts at c_j at rest. Its third derivative jumps at both ends of the ramp.
 
 Supported: finite Fourier series, random ones within limits, the trajectories of the papers, at any scale.
-Not supported: trajectories optimised for information, point-to-point motions.
+Not supported: trajectories optimised for information (see `optimise`), point-to-point motions.
 """
 
 import math

@@ -1,0 +1,173 @@
+"""`symid excite` from the command line: figures of the panda, a file that is followed, refusals."""
+
+import json
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from symid.cli.main import run
+from symid.excitation.workspace import read_workspace
+from symid.formats.toml import read_robot
+
+# Franka Emika, data sheet of the Panda: rad, rad/s, rad/s^2, rad/s^3.
+LOW = np.array([-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973])
+HIGH = np.array([2.8973, 1.7628, 2.8973, -0.0698, 2.8973, 3.7525, 2.8973])
+VELOCITY = np.array([2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61])
+ACCELERATION = np.array([15, 7.5, 10, 12.5, 15, 20, 20])
+JERK = np.array([7500, 3750, 5000, 6250, 7500, 10000, 10000])
+QUICK = ("--candidates", "20", "--starts", "1", "--rate", "200")
+
+
+def call_json(capsys, *arguments):
+    """Return the exit code and the answer of a call."""
+    code = run([*map(str, arguments), "--json", "-q"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def read_table(path):
+    lines = [line for line in path.read_text(encoding="utf-8").splitlines() if line[0] != "#"]
+    return lines[0].split(","), np.array([line.split(",") for line in lines[1:]], dtype=float)
+
+
+def test_the_panda_is_excited_better_than_by_a_thousand_random_trajectories(capsys, tmp_path):
+    path = tmp_path / "traj.csv"
+    code, answer = call_json(capsys, "excite", "panda", "--seed", "0", "--starts", "4", "-o", path)
+    assert code == 0
+    result = answer["result"]
+    assert result["condition"] < 0.5 * result["random_condition"]
+    assert result["factor"] == pytest.approx(result["random_condition"] / result["condition"])
+    assert len(result["parameters"]) == 43
+    assert [warning["code"] for warning in answer["warnings"]] == ["excitation.no-torque"]
+    assert all(entry["share_percent"] <= 95.0001 for entry in result["limits"])
+    assert len(result["limits"]) == 28
+    # The series itself, between the samples as well, and its third derivative.
+    t = np.linspace(0.0, 10.0, 40001)[:, None]
+    w = 2 * np.pi / 10 * np.arange(1, 6)
+    for place, joint in enumerate(result["joints"]):
+        sines, cosines = np.array(joint["sines"]), np.array(joint["cosines"])
+        wave = [
+            ((1j * w) ** order * (cosines - 1j * sines) * np.exp(1j * w * t)).sum(axis=1).real
+            for order in range(4)
+        ]
+        q = joint["centre"] + wave[0]
+        assert LOW[place] < q.min()
+        assert q.max() < HIGH[place]
+        for values, bound in zip(wave[1:], (VELOCITY, ACCELERATION, JERK), strict=True):
+            assert np.abs(values).max() < bound[place]
+        assert [abs(wave[1][0]), abs(wave[2][0]), abs(wave[1][-1])] == pytest.approx([0, 0, 0], abs=1e-9)
+    headings, table = read_table(path)
+    assert headings[:2] == ["t [s]", "q1 [rad]"]
+    assert table.shape == (10001, 22) == (result["samples"], 22)
+    np.testing.assert_allclose(table[::4, 7], q[::16], atol=1e-12)
+
+
+def test_excite_simulate_identify(capsys, tmp_path):
+    """The way of an engineer: a trajectory, a log along it, parameters that are those of the robot file."""
+    path, log = tmp_path / "traj.csv", tmp_path / "log.csv"
+    code, answer = call_json(capsys, "excite", "two_link", *QUICK, "-o", path)
+    assert code == 0
+    code, simulated = call_json(capsys, "simulate", "two_link", "--trajectory", path, "-o", log)
+    assert code == 0
+    assert simulated["result"]["trajectory"] == "trajectory traj.csv"
+    assert simulated["result"]["duration"] == 10.0
+    code, found = call_json(capsys, "identify", "two_link", log)
+    assert code == 0
+    for entry in found["result"]["parameters"]:
+        assert entry["relative_std_percent"] < 2.0
+    assert len(found["result"]["parameters"]) == len(answer["result"]["parameters"])
+
+
+def test_a_part_of_a_file_is_followed_at_another_scale(capsys, tmp_path):
+    path, log = tmp_path / "traj.csv", tmp_path / "log.csv"
+    assert call_json(capsys, "excite", "two_link", *QUICK, "-o", path)[0] == 0
+    motion = ("--trajectory", path, "--scale", "0.5", "--duration", "2", "--clean")
+    code, answer = call_json(capsys, "simulate", "two_link", *motion, "-o", log)
+    assert code == 0
+    assert answer["result"]["duration"] == 2.0
+    assert answer["result"]["trajectory"] == "trajectory traj.csv, amplitudes times 0.5"
+    code, answer = call_json(
+        capsys, "simulate", "two_link", "--trajectory", path, "--duration", "11", "-o", log, "--force"
+    )
+    assert code == 2
+    assert "ends after 10 s" in answer["errors"][0]["text"]
+    code, answer = call_json(capsys, "simulate", "two_link", "--trajectory", path, "-o", path, "--force")
+    assert answer["errors"][0]["code"] == "output.is-input"
+    code, answer = call_json(
+        capsys, "simulate", "two_link", "--trajectory", tmp_path / "none", "-o", log, "--force"
+    )
+    assert (code, answer["errors"][0]["code"]) == (2, "usage.trajectory")
+
+
+def test_an_elastic_robot_follows_a_file(capsys, tmp_path):
+    path, log = tmp_path / "traj.csv", tmp_path / "log.csv"
+    code, answer = call_json(capsys, "excite", "two_link_elastic", *QUICK, "--torsion", "0.2", "-o", path)
+    assert code == 0
+    assert {"torque", "torsion"} <= {entry["kind"] for entry in answer["result"]["limits"]}
+    arguments = ("--trajectory", path, "--duration", "2", "--clean")
+    code, answer = call_json(capsys, "simulate", "two_link_elastic", *arguments, "-o", log)
+    assert code == 0
+    assert max(answer["result"]["largest_torsion"]) < 0.2
+
+
+def test_the_text_has_shares_and_clearances(capsys, tmp_path):
+    space = tmp_path / "space.toml"
+    space.write_text("[[plane]]\nnormal = [0, 0, 1]\noffset = -1\n", encoding="utf-8")
+    assert run(["excite", "two_link", *QUICK, "--periods", "2", "--workspace", str(space), "-q"]) == 0
+    text = capsys.readouterr().out
+    assert "times smaller than the best" in text
+    assert "least clearance/m" in text
+    assert "plane 1, elbow" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "error"),
+    [
+        (("--start", "0"), 2, "usage.excitation"),
+        (("--start", "a,b"), 2, "usage.excitation"),
+        (("--deviations", "1,-1"), 2, "usage.excitation"),
+        (("--stiffness", "1,1"), 2, "usage.excitation"),
+        (("--harmonics", "1"), 2, "usage.excitation"),
+        (("--criterion", "trace"), 2, "usage.call"),
+        (("--torsion", "0.01"), 3, "excitation.stiffness"),
+        (("-o", "traj.npz"), 3, "output.unknown-suffix"),
+        (("-o", "nowhere/traj.csv"), 3, "output.no-folder"),
+    ],
+)
+def test_calls_that_cannot_be(capsys, monkeypatch, tmp_path, *, arguments, code, error):
+    monkeypatch.chdir(tmp_path)
+    robot = Path(__file__).resolve().parents[2] / "robots" / "two_link.toml"
+    found, answer = call_json(capsys, "excite", robot, *QUICK, *arguments)
+    assert (found, answer["errors"][0]["code"]) == (code, error)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.fixture(scope="module")
+def page(project):
+    text = (project / "docs" / "excite.md").read_text(encoding="utf-8")
+    return dict(re.findall(r"^```(sh|toml|python)\n(.*?)^```$", text, re.DOTALL | re.MULTILINE))
+
+
+def test_the_commands_of_the_page_run(capsys, monkeypatch, tmp_path, page):
+    monkeypatch.chdir(tmp_path)
+    for line in page["sh"].splitlines():
+        words = shlex.split(line)
+        assert words[0] == "symid"
+        # The page searches as long as the defaults do; what comes out is the same kind of thing.
+        quick = QUICK if words[1] == "excite" else ()
+        assert run([*words[1:], *quick, "-q"]) == 0, line
+    assert "Fc2" in capsys.readouterr().out
+
+
+def test_the_python_of_the_page_runs(capsys, page):
+    exec(compile(page["python"], "excite.md", "exec"), {})  # noqa: S102  the page's own example
+    assert capsys.readouterr().out == "True True\n"
+
+
+def test_the_workspace_of_the_page_is_one(tmp_path, page, robots_folder):
+    path = tmp_path / "space.toml"
+    path.write_text(page["toml"], encoding="utf-8")
+    workspace = read_workspace(path, read_robot(robots_folder / "panda.toml"))
+    assert [len(region.points) for region in workspace.regions] == [2, 1]

@@ -1,0 +1,139 @@
+"""Limits on a grid hold between its points, and those left out could never be reached."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from symid.errors import RobotError
+from symid.excitation.fourier import SeriesOptions, build_space, find_basis
+from symid.excitation.limits import LimitOptions, build_limit_rows, find_motion_limits, find_scales
+from symid.formats.toml import parse_robot, read_robot
+from symid.formats.writer import write_robot
+from symid.robot.description import Joint, JointKind, Limits, Robot
+from symid.robot.geometry import IDENTITY
+
+LIMITS = (
+    Limits(position=(-0.2, 1.0), velocity=0.7, acceleration=3.0, jerk=9.0),
+    Limits(position=(-20.0, 20.0), velocity=30.0),
+    Limits(),
+)
+
+
+def make_robot(limits=LIMITS):
+    kinds = (JointKind.PRISMATIC, JointKind.REVOLUTE, JointKind.REVOLUTE)
+    joints = tuple(
+        Joint(name=f"j{i}", kind=kind, parent=i - 1, placement=IDENTITY, limits=entry)
+        for i, (kind, entry) in enumerate(zip(kinds, limits, strict=True))
+    )
+    return Robot(name="robot", joints=joints)
+
+
+def make_space(limits, harmonics=5, period=8.0):
+    options = SeriesOptions(harmonics=harmonics, period=period)
+    return build_space(options, limits.centre, find_scales(limits, harmonics, period))
+
+
+def test_limits_are_those_of_the_file_and_fallbacks_are_said():
+    limits = find_motion_limits(make_robot(), LimitOptions(sweep=0.5, speed=2.0, acceleration=9.0))
+    np.testing.assert_allclose(limits.centre, [0.4, 0.0, 0.0])
+    np.testing.assert_allclose(limits.half, [0.6, math.pi, 0.5])
+    np.testing.assert_allclose(limits.velocity, [0.7, 30.0, 2.0])
+    np.testing.assert_allclose(limits.acceleration, [3.0, 9.0, 9.0])
+    np.testing.assert_allclose(limits.jerk, [9.0, np.inf, np.inf])
+    assert np.all(np.isinf(limits.torque))
+    said = "; ".join(limits.assumed)
+    assert "position +-pi about the middle of j1" in said
+    assert "position +-0.5 of j2" in said
+    assert "velocity 2 /s of j2" in said
+    assert "acceleration 9 /s^2 of j1, j2" in said
+
+
+def test_nothing_is_said_where_all_is_stated():
+    stated = (LIMITS[0],) * 3
+    assert find_motion_limits(make_robot(stated)).assumed == ()
+
+
+@given(seed=st.integers(0, 200), harmonics=st.integers(2, 7), density=st.integers(3, 20))
+def test_rows_at_one_keep_all_limits_at_all_times(seed, harmonics, density):
+    limits = replace(find_motion_limits(make_robot()), share=0.9)
+    space = make_space(limits, harmonics)
+    rows = build_limit_rows(space, limits, density)
+    unknowns = np.random.default_rng(seed).normal(size=space.shape)
+    for joint in range(3):
+        # All of the joint's series on the border of the rows.
+        part = rows.rows[joint] @ unknowns[joint]
+        room = np.where(part > 0, 1 - rows.constants[joint], 1 + rows.constants[joint])
+        unknowns[joint] *= np.min(room / np.maximum(np.abs(part), 1e-300))
+    states = space.find_states(unknowns, find_basis(harmonics, 8.0, np.linspace(0, 8, 4001), 4))
+    states[0] -= limits.centre
+    assert np.all(np.abs(states).max(axis=1) <= 0.9 * limits.bounds * (1 + 1e-9))
+
+
+def test_rows_allow_nearly_all_of_a_limit():
+    limits = find_motion_limits(make_robot())
+    space = make_space(limits)
+    rows = build_limit_rows(space, limits, 20)
+    # A still pose at the share of its limit, less what is lost between points.
+    coefficients = space.offset.copy()
+    coefficients[:, 0] += 0.987 * limits.share * limits.half
+    unknowns = space.find_unknowns(coefficients)
+    for joint in range(3):
+        assert np.abs(rows.rows[joint] @ unknowns[joint] + rows.constants[joint]).max() <= 1.0
+
+
+def test_limits_that_follow_from_others_have_no_rows():
+    limits = find_motion_limits(
+        make_robot((Limits(position=(-1, 1), velocity=9, acceleration=99, jerk=9999),) * 3)
+    )
+    rows = build_limit_rows(make_space(limits, harmonics=2, period=10.0), limits, 10)
+    # 1 rad at 0.2 Hz at most is 1.3 rad/s, 1.6 rad/s^2 and 2 rad/s^3: the position says it all.
+    assert [len(part) for part in rows.rows] == [20, 20, 20]
+
+
+def test_scales_are_the_amplitudes_that_one_harmonic_may_have():
+    limits = find_motion_limits(make_robot())
+    scales = find_scales(limits, 3, 8.0)
+    w = 2 * np.pi / 8 * np.arange(1, 4)
+    wanted = 0.95 * np.min([np.full(3, 0.6), 0.7 / w, 3.0 / w**2, 9.0 / w**3], axis=0)
+    np.testing.assert_allclose(scales[0, 1:], np.tile(wanted, 2))
+    np.testing.assert_allclose(scales[:, 0], 0.95 * limits.half)
+
+
+TEXT = """
+name = "one"
+convention = "modified"
+gravity = [0, 0, -9.81]
+[[joint]]
+kind = "revolute"
+[joint.limits]
+position = [-1, 1]
+acceleration = 7.5
+jerk = 3750
+"""
+
+
+def test_a_robot_file_states_acceleration_and_jerk():
+    robot = parse_robot(TEXT)
+    wanted = Limits(position=(-1.0, 1.0), acceleration=7.5, jerk=3750.0)
+    assert robot.joints[0].limits == wanted
+    assert parse_robot(write_robot(robot)).joints[0].limits == wanted
+
+
+def test_limits_that_are_none_are_refused():
+    with pytest.raises(RobotError, match=r"acceleration: must be greater than 0 rad/s\^2"):
+        parse_robot(TEXT.replace("7.5", "-7.5"))
+    with pytest.raises(RobotError, match=r"jerk: expected a number in rad/s\^3"):
+        parse_robot(TEXT.replace("3750", '"high"'))
+
+
+def test_the_panda_has_the_limits_of_its_data_sheet(robots_folder):
+    limits = find_motion_limits(read_robot(robots_folder / "panda.toml"))
+    assert limits.assumed == ()
+    np.testing.assert_allclose(limits.velocity, [2.175] * 4 + [2.61] * 3)
+    np.testing.assert_allclose(limits.acceleration, [15, 7.5, 10, 12.5, 15, 20, 20])
+    np.testing.assert_allclose(limits.jerk, [7500, 3750, 5000, 6250, 7500, 10000, 10000])
+    np.testing.assert_allclose(limits.torque, [87] * 4 + [12] * 3)

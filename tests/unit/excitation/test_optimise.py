@@ -1,0 +1,244 @@
+"""The search: feasible everywhere, better than its starts, the same every time, honest where it fails."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from symid.codegen.cache import prepare_library
+from symid.errors import IdentifiabilityError, SolverError, UsageError
+from symid.excitation.candidates import find_candidates
+from symid.excitation.fourier import SeriesOptions
+from symid.excitation.limits import LimitOptions
+from symid.excitation.loads import LoadOptions
+from symid.excitation.margins import Margin, find_margins
+from symid.excitation.optimise import ExcitationOptions, optimise_excitation
+from symid.excitation.problem import ProblemOptions, build_problem
+from symid.excitation.workspace import Point, Region, Workspace
+from symid.formats.toml import read_robot
+from symid.robot.description import FrictionValues, Limits
+
+ROBOTS = Path(__file__).resolve().parents[3] / "robots"
+NAMES = ("shoulder", "elbow")
+QUICK = ExcitationOptions(candidates=40, starts=2, refined=1, iterations=60)
+# Above the floor, 0.75 m under the shoulder; the arm is about 1 m long.
+FLOOR = Workspace(
+    regions=(
+        Region(
+            kind="plane",
+            anchor=(0.0, 1.0, 0.0),
+            extent=-0.6,
+            points=(Point(joint=1, place=(0.4, 0.0, 0.0), size=0.05),),
+            label="plane 1",
+        ),
+    )
+)
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return read_robot(ROBOTS / "two_link.toml")
+
+
+@pytest.fixture(scope="module")
+def weak(robot):
+    """The arm with drives that can hardly carry it."""
+    torques = (12.0, 4.0)
+    joints = tuple(
+        replace(joint, limits=replace(joint.limits, torque=torque))
+        for joint, torque in zip(robot.joints, torques, strict=True)
+    )
+    return replace(robot, joints=joints)
+
+
+def search(robot, options=QUICK, seed=0):
+    return optimise_excitation(robot, options, rng=np.random.default_rng(seed))
+
+
+@pytest.fixture(scope="module")
+def plain(robot):
+    return search(robot)
+
+
+def with_problem(**parts):
+    return replace(QUICK, problem=ProblemOptions(**parts))
+
+
+def test_candidates_keep_all_limits_and_come_sorted(weak):
+    problem = build_problem(weak, ProblemOptions(loads=LoadOptions(workspace=FLOOR)))
+    found = find_candidates(problem, 30, np.random.default_rng(1))
+    assert np.all(np.diff(found.conditions) >= 0.0)
+    assert found.drawn >= 30
+    used = []
+    for unknowns, condition in zip(found.unknowns, found.conditions, strict=True):
+        assert problem.find_condition(unknowns) == condition
+        assert np.all(np.abs(problem.rows @ unknowns + problem.constants) <= 1.0)
+        assert np.all(problem.find_state_excess(unknowns) <= 0.0)
+        used.append(max(margin.share or 0.0 for margin in find_margins(problem, NAMES, unknowns)))
+    # As large as they can be: something is at its limit.
+    assert np.median(used) > 0.9
+
+
+def test_the_search_is_better_than_random_and_keeps_every_limit(robot, plain):
+    found = plain
+    assert found.factor > 1.15
+    assert found.condition < found.random_condition < found.random_median
+    assert found.runs[0].condition <= found.runs[0].start
+    trajectory = found.trajectory
+    q, dq, ddq = trajectory.evaluate(np.linspace(0.0, 10.0, 20001))
+    for place, joint in enumerate(robot.joints):
+        assert np.abs(q[:, place]).max() <= 0.95 * joint.limits.position[1] * (1 + 1e-6)
+        assert np.abs(dq[:, place]).max() <= 0.95 * joint.limits.velocity * (1 + 1e-6)
+        assert np.abs(ddq[:, place]).max() <= 0.95 * 10.0 * (1 + 1e-6)
+    np.testing.assert_allclose([dq[0], dq[-1], ddq[0], ddq[-1]], 0.0, atol=1e-8)
+    assert all(margin.kept for margin in found.margins)
+    assert {margin.kind for margin in found.margins} == {"position", "velocity", "acceleration", "torque"}
+    assert [notice.code for notice in found.notices] == ["excitation.assumed-limits"]
+    assert "5 harmonics of 0.1 Hz" in trajectory.source
+
+
+def test_the_stated_condition_number_is_that_of_a_log(robot, plain):
+    """Of the regressor as identification stacks it, scaled, at 1 kHz."""
+    found = plain
+    library = prepare_library(robot)
+    states = found.trajectory.evaluate(np.arange(1, 10000) * 1e-3)
+    stack = np.concatenate(
+        [
+            library.evaluate("torque_regressor", *states)[0],
+            library.evaluate("friction_regressor", states[1])[0],
+        ],
+        axis=2,
+    ).reshape(19998, -1)
+    wanted = np.linalg.cond(stack / np.linalg.norm(stack, axis=0))
+    assert found.condition == pytest.approx(wanted, rel=1e-2)
+
+
+def test_torque_limits_hold_everywhere(weak):
+    found = search(weak)
+    library = prepare_library(weak)
+    beta = np.array([entry.value for entry in library.card.beta])
+    friction = np.array([entry.value for entry in library.card.friction])
+    states = found.trajectory.evaluate(np.linspace(0.0, 10.0, 20001))
+    # Friction steps at zero velocity; there no trajectory of the search is judged.
+    tau = library.evaluate("inverse_dynamics", *states, beta)[0]
+    tau = tau + library.evaluate("friction", states[1], friction)[0] * np.abs(
+        np.tanh(states[1] / [0.08, 0.1])
+    )
+    peaks = np.abs(tau).max(axis=0)
+    assert np.all(peaks <= 0.96 * np.array([12.0, 4.0]))
+    # They are what limits it.
+    assert peaks[0] > 0.9 * 12.0
+    assert all(margin.kept for margin in found.margins)
+
+
+def test_links_stay_where_they_may(robot):
+    found = search(robot, with_problem(loads=LoadOptions(workspace=FLOOR)))
+    q, _, _ = found.trajectory.evaluate(np.linspace(0.0, 10.0, 5001))
+    height = 0.5 * np.sin(q[:, 0]) + 0.4 * np.sin(q.sum(axis=1))
+    clearance = height.min() + 0.6 - 0.05
+    assert clearance >= -1e-6
+    told = found.margins[-1]
+    assert (told.kind, told.share, told.name) == ("space", None, "plane 1, elbow")
+    assert told.value == pytest.approx(clearance, abs=1e-4)
+
+
+def test_torsion_is_limited_under_a_stated_stiffness(robot):
+    loads = LoadOptions(torsion=0.05, stiffness=(400.0, 100.0))
+    found = search(robot, with_problem(loads=loads))
+    assert all(margin.kept for margin in found.margins)
+    told = {margin.name: margin for margin in found.margins if margin.kind == "torsion"}
+    assert set(told) == set(NAMES)
+    library = prepare_library(robot)
+    beta = np.array([entry.value for entry in library.card.beta])
+    (tau,) = library.evaluate("inverse_dynamics", *found.trajectory.evaluate(np.linspace(0, 10, 5001)), beta)
+    torsion = np.abs(tau / [400.0, 100.0]).max(axis=0)
+    assert np.all(torsion <= 0.95 * 0.05 * (1 + 1e-6))
+    np.testing.assert_allclose([told[name].value for name in NAMES], torsion, rtol=1e-4)
+
+
+def test_the_start_and_the_end_are_where_they_were_asked_for(robot):
+    found = search(robot, with_problem(series=SeriesOptions(start=(0.4, -0.9), harmonics=4, period=6.0)))
+    q, dq, _ = found.trajectory.evaluate(np.array([0.0, 6.0]))
+    np.testing.assert_allclose(q, [[0.4, -0.9]] * 2, atol=1e-8)
+    np.testing.assert_allclose(dq, 0.0, atol=1e-8)
+
+
+def test_a_moving_start_gives_more_freedom(robot):
+    found = search(robot, with_problem(series=SeriesOptions(rest=False)))
+    assert np.abs(found.trajectory.evaluate(np.zeros(1))[1]).max() > 0.1
+
+
+def test_most_information_is_another_trajectory(robot, plain):
+    most = search(robot, replace(QUICK, criterion="d-optimal"))
+    assert most.information > plain.information
+    assert most.information > most.random_information
+    assert most.condition > plain.condition
+
+
+def test_the_weight_trades_condition_for_information(robot, plain):
+    more = search(robot, replace(QUICK, weight=1.0))
+    assert more.information > plain.information
+
+
+def test_the_same_seed_gives_the_same_trajectory(robot, plain):
+    first, second, other = plain, search(robot), search(robot, seed=1)
+    assert first.coefficients.tobytes() == second.coefficients.tobytes()
+    assert first.coefficients.tobytes() != other.coefficients.tobytes()
+
+
+def test_parameters_that_no_such_motion_tells_apart(robot):
+    """Joints that can hardly move, slowly, and friction with four parameters of the sign alone."""
+    limits = Limits(position=(-1e-9, 1e-9), velocity=1e-9, acceleration=1e-9)
+    still = replace(robot, joints=tuple(replace(joint, limits=limits) for joint in robot.joints))
+    with pytest.raises(IdentifiabilityError, match="hang together: widen the limits") as caught:
+        search(still)
+    assert caught.value.notices[0].code == "excitation.rank"
+
+
+def test_a_space_that_no_pose_is_in(robot):
+    region = replace(FLOOR.regions[0], extent=5.0)
+    with pytest.raises(SolverError, match="nearly none keeps all limits; most often broken: plane") as caught:
+        search(robot, with_problem(loads=LoadOptions(workspace=Workspace(regions=(region,)))))
+    assert caught.value.notices[0].code == "excitation.narrow"
+
+
+def test_limits_that_cannot_be_kept_between_the_points(robot, monkeypatch):
+    broken = Margin(kind="torque", name="elbow", value=2.0, limit=1.0, allowed=0.95)
+    monkeypatch.setattr("symid.excitation.optimise.find_margins", lambda *_: (broken,))
+    with pytest.raises(SolverError, match=r"not between them \(torque of elbow\)") as caught:
+        search(robot, replace(QUICK, candidates=5, starts=1, iterations=3))
+    assert caught.value.notices[0].code == "excitation.between"
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (ExcitationOptions(criterion="a-optimal"), "criterion: expected condition or d-optimal"),
+        (ExcitationOptions(starts=0), "starts: at least one"),
+        (ExcitationOptions(candidates=3, starts=4), "4 starts need at least as many candidates"),
+        (ExcitationOptions(weight=-1.0), "weight: must be finite"),
+        (ExcitationOptions(problem=ProblemOptions(limits=LimitOptions(share=1.5))), "share: must be above 0"),
+    ],
+)
+def test_options_out_of_range(robot, options, says):
+    with pytest.raises(UsageError, match=says) as caught:
+        search(robot, options)
+    assert caught.value.notices[0].code == "usage.excitation"
+
+
+def test_what_a_margin_says():
+    within = Margin(kind="velocity", name="a", value=1.9, limit=2.0, allowed=0.95)
+    beyond = Margin(kind="velocity", name="a", value=1.91, limit=2.0, allowed=0.95)
+    clear = Margin(kind="space", name="a", value=0.01, limit=0.0, allowed=1.0)
+    assert (within.share, within.kept, beyond.kept) == (0.95, True, False)
+    assert (clear.share, clear.kept, replace(clear, value=-0.01).kept) == (None, True, False)
+
+
+def test_progress_is_told(robot):
+    told = []
+    bare = replace(robot, joints=tuple(replace(joint, friction=FrictionValues()) for joint in robot.joints))
+    options = replace(QUICK, candidates=10, starts=1, iterations=5)
+    optimise_excitation(bare, options, rng=np.random.default_rng(0), progress=told.append)
+    assert told[0] == "deriving the regressor of two_link"
+    assert any(text.startswith("round 3") for text in told)

@@ -1,0 +1,238 @@
+"""The problem of an exciting trajectory: columns, loads and space against independent ways to them."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from symid.codegen.cache import prepare_library
+from symid.errors import RobotError, UsageError
+from symid.excitation.criteria import Criterion
+from symid.excitation.figures import Judge
+from symid.excitation.fourier import SeriesOptions, find_grid
+from symid.excitation.limits import LimitOptions, find_motion_limits
+from symid.excitation.loads import LoadOptions, StateValues, build_state_limits
+from symid.excitation.observation import Observation, build_columns, smooth_friction
+from symid.excitation.problem import ProblemOptions, build_problem
+from symid.excitation.workspace import Point, Region, Workspace
+from symid.formats.toml import read_robot
+from symid.robot.description import FrictionKind, FrictionValues
+
+ROBOTS = Path(__file__).resolve().parents[3] / "robots"
+WORKSPACE = Workspace(
+    regions=(
+        Region(
+            kind="out",
+            anchor=(0.5, 0.5, 0.0),
+            extent=0.2,
+            points=(Point(joint=1, place=(0.3, 0.1, 0.2), size=0.05),),
+            label="a",
+        ),
+        Region(
+            kind="in",
+            anchor=(0.0, 0.1, 0.0),
+            extent=1.2,
+            points=(Point(joint=1, place=(0.3, 0.0, 0.0), size=0.1),),
+            label="b",
+        ),
+        Region(
+            kind="plane",
+            anchor=(0.0, 0.6, 0.8),
+            extent=-0.9,
+            points=(Point(joint=0, place=(0.4, 0.0, 0.0), size=0.1),),
+            label="c",
+        ),
+    )
+)
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return read_robot(ROBOTS / "two_link.toml")
+
+
+@pytest.fixture(scope="module")
+def elastic():
+    return read_robot(ROBOTS / "two_link_elastic.toml")
+
+
+def random_states(count, size=2, seed=0):
+    return np.random.default_rng(seed).normal(size=(3, count, size))
+
+
+def test_columns_are_those_of_the_generated_library(robot):
+    library = prepare_library(robot)
+    states = random_states(30)
+    observation = Observation(build_columns(robot), 30, np.array([2.0, 0.5]))
+    found = observation.find_matrix(states).reshape(30, 2, -1)
+    (beta,) = library.evaluate("torque_regressor", *states)
+    (friction,) = library.evaluate("friction_regressor", states[1])
+    wanted = np.concatenate([beta, friction], axis=2) * np.array([2.0, 0.5])[:, None]
+    np.testing.assert_allclose(found, wanted, atol=1e-12)
+    names = [entry.name for entry in (*library.card.beta, *library.card.friction)]
+    assert list(observation.names) == names
+
+
+def test_the_sweep_backwards_is_that_of_finite_differences(robot):
+    states, rng = random_states(5), np.random.default_rng(1)
+    observation = Observation(build_columns(smooth_friction(robot)), 5, np.array([2.0, 0.5]))
+    factors = rng.normal(size=observation.find_matrix(states).shape)
+    slope = observation.find_slope(factors)
+    ahead, h = random_states(5, seed=2), 1e-6
+
+    def find_sum(share):
+        return float(np.sum(factors * observation.find_matrix(states + share * ahead)))
+
+    np.testing.assert_allclose(np.sum(slope * ahead), (find_sum(h) - find_sum(-h)) / (2 * h), rtol=1e-7)
+
+
+def test_friction_gets_a_slope_only_where_it_has_none(robot):
+    smooth = smooth_friction(robot)
+    assert [joint.friction.smoothing for joint in smooth.joints] == [pytest.approx(0.08), pytest.approx(0.1)]
+    assert smooth_friction(smooth) == smooth
+    bare = replace(robot, joints=tuple(replace(joint, friction=FrictionValues()) for joint in robot.joints))
+    assert smooth_friction(bare) == bare
+    assert bare.joints[0].friction.kind is FrictionKind.NONE
+
+
+def check_slopes(problem, criterion):
+    rng = np.random.default_rng(3)
+    z, ahead, h = 0.3 * rng.normal(size=problem.size), rng.normal(size=problem.size), 1e-6
+    watched = rng.random((problem.points, len(problem.state_limits.names))) < 0.3
+    slope = problem.find_value(z, criterion)[1]
+    values = [problem.find_value(z + share * ahead, criterion)[0] for share in (h, -h)]
+    np.testing.assert_allclose(slope @ ahead, (values[0] - values[1]) / (2 * h), rtol=1e-5)
+    constraints = [problem.find_constraints(z + share * ahead, watched) for share in (h, -h)]
+    jacobian = problem.find_jacobian(z, watched)
+    found = (constraints[0] - constraints[1]) / (2 * h)
+    np.testing.assert_allclose(jacobian @ ahead, found, atol=1e-6 * np.abs(found).max())
+    assert not np.any(jacobian[~problem.find_pattern(watched)])
+    lower, upper = problem.find_bounds(np.zeros(watched.shape[1]), watched)
+    assert lower.shape == upper.shape == constraints[0].shape
+
+
+@pytest.mark.parametrize("name", ["condition", "d-optimal"])
+def test_all_slopes_of_a_rigid_robot(robot, name):
+    options = ProblemOptions(loads=LoadOptions(workspace=WORKSPACE), deviations=(2.0, 1.0))
+    problem = build_problem(robot, options)
+    assert problem.state_limits.kinds == ("torque", "torque", "out", "in", "plane")
+    check_slopes(problem, Criterion(name=name))
+    check_slopes(problem.build_coarse(), Criterion(name=name))
+
+
+def test_all_slopes_of_an_elastic_robot(elastic):
+    problem = build_problem(elastic, ProblemOptions(loads=LoadOptions(torsion=0.05)))
+    assert "torsion" in problem.state_limits.kinds
+    check_slopes(problem, Criterion(power=4.0))
+
+
+def test_torque_is_that_of_the_library(robot):
+    limits = find_motion_limits(robot)
+    found = build_state_limits(robot, limits)
+    states = random_states(20)
+    # Where friction is smoothed, the sign is nowhere reached; far from rest it is.
+    states[1] = np.sign(states[1]) * (2.0 + np.abs(states[1]))
+    values = StateValues(found, 20, 2).find_values(states)
+    library = prepare_library(robot)
+    beta = np.array([entry.value for entry in library.card.beta])
+    friction = np.array([entry.value for entry in library.card.friction])
+    tau = (
+        library.evaluate("inverse_dynamics", *states, beta)[0]
+        + library.evaluate("friction", states[1], friction)[0]
+    )
+    np.testing.assert_allclose(values * found.limits, tau, rtol=1e-9)
+    np.testing.assert_allclose(found.limits, [0.95 * 90, 0.95 * 35])
+
+
+def test_torsion_is_the_torque_of_the_links_by_the_stiffness(elastic):
+    limits = find_motion_limits(elastic)
+    states = random_states(10)
+    library = prepare_library(elastic)
+    beta = np.array([entry.value for entry in library.card.beta])
+    (tau,) = library.evaluate("inverse_dynamics", *states, beta)
+    for stiffness, wanted in (
+        (None, [joint.elasticity.stiffness for joint in elastic.joints]),
+        ((500.0, 200.0),) * 2,
+    ):
+        found = build_state_limits(elastic, limits, LoadOptions(torsion=0.05, stiffness=stiffness))
+        values = StateValues(found, 10, 2).find_values(states)
+        places = [place for place, kind in enumerate(found.kinds) if kind == "torsion"]
+        np.testing.assert_allclose(values[:, places] * 0.05 * 0.95, tau / wanted, rtol=1e-9)
+
+
+def test_the_motor_of_an_elastic_joint_turns_its_rotor(elastic):
+    limits = find_motion_limits(elastic)
+    found = build_state_limits(elastic, limits)
+    states = np.zeros((3, 1, 2))
+    states[2] = 3.0
+    still = np.zeros((3, 1, 2))
+    values = [StateValues(found, 1, 2).find_values(entry)[0] * found.limits for entry in (states, still)]
+    library = prepare_library(elastic)
+    beta = np.array([entry.value for entry in library.card.beta])
+    rotors = np.array([entry.value for entry in library.card.rotors])
+    (mass,) = library.evaluate("mass_matrix", np.zeros((1, 2)), beta)
+    np.testing.assert_allclose(values[0] - values[1], (mass[0] + np.diag(rotors)) @ [3.0, 3.0], rtol=1e-9)
+
+
+def test_space_is_where_plane_geometry_puts_it(robot):
+    limits = replace(find_motion_limits(robot), torque=np.full(2, np.inf))
+    found = build_state_limits(robot, limits, LoadOptions(workspace=WORKSPACE))
+    assert found.kinds == ("out", "in", "plane")
+    q = np.random.default_rng(5).uniform(-2, 2, size=(12, 2))
+    values = StateValues(found, 12, 2).find_values(np.array([q, 0 * q, 0 * q]))
+    c1, s1, c12, s12 = np.cos(q[:, 0]), np.sin(q[:, 0]), np.cos(q.sum(axis=1)), np.sin(q.sum(axis=1))
+    first = np.stack(
+        [0.3 * c12 - 0.1 * s12 + 0.5 * c1, 0.3 * s12 + 0.1 * c12 + 0.5 * s1, 0.2 + 0 * c1], axis=1
+    )
+    second = np.stack([0.3 * c12 + 0.5 * c1, 0.3 * s12 + 0.5 * s1], axis=1)
+    np.testing.assert_allclose(
+        values[:, 0], 2 - np.sum((first - [0.5, 0.5, 0]) ** 2, axis=1) / 0.25**2, rtol=1e-10
+    )
+    np.testing.assert_allclose(values[:, 1], np.sum((second - [0, 0.1]) ** 2, axis=1) / 1.1**2, rtol=1e-10)
+    np.testing.assert_allclose(values[:, 2], 1 - (0.6 * 0.4 * s1 + 0.9 - 0.1), rtol=1e-10)
+
+
+def test_without_values_torque_is_not_limited_and_that_is_said():
+    panda = read_robot(ROBOTS / "panda.toml")
+    limits = find_motion_limits(panda)
+    found = build_state_limits(panda, limits)
+    assert found.names == ()
+    assert [notice.code for notice in found.notices] == ["excitation.no-torque"]
+    with pytest.raises(RobotError, match="needs all masses") as caught:
+        build_state_limits(panda, limits, LoadOptions(torsion=0.01))
+    assert caught.value.notices[0].code == "excitation.no-values"
+
+
+def test_torsion_wants_a_stiffness(robot):
+    limits = find_motion_limits(robot)
+    for stiffness in (None, (100.0,), (100.0, -1.0)):
+        with pytest.raises(RobotError) as caught:
+            build_state_limits(robot, limits, LoadOptions(torsion=0.01, stiffness=stiffness))
+        assert caught.value.notices[0].code == "excitation.stiffness"
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (ProblemOptions(deviations=(1.0,)), "expected 2 positive numbers"),
+        (ProblemOptions(deviations=(1.0, 0.0)), "expected 2 positive numbers"),
+        (ProblemOptions(series=SeriesOptions(start=(0.0, 2.55))), "outside the limits of joint 2"),
+    ],
+)
+def test_options_that_do_not_fit(robot, options, says):
+    with pytest.raises(UsageError, match=says):
+        build_problem(robot, options)
+
+
+def test_the_grid_of_the_search_is_fine_enough():
+    """With friction that has no step, figures on the coarse grid are those on the fine one."""
+    panda = read_robot(ROBOTS / "panda.toml")
+    problem = build_problem(panda, ProblemOptions(limits=LimitOptions(share=0.9)))
+    judge = Judge(panda, problem)
+    for seed in range(3):
+        z = 0.5 * np.random.default_rng(seed).normal(size=problem.size)
+        condition, information = judge.find_figures(z)
+        assert problem.find_condition(z) == pytest.approx(condition, rel=1e-3)
+        assert problem.find_information(z) == pytest.approx(information, abs=1e-3)
+    assert find_grid(problem.space, 10, 3).shape == (3, 10, 11)

@@ -1,0 +1,101 @@
+"""Trajectory files: the motion that is written is the one that is read, mistakes are named."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from symid.errors import LogError, OutputError
+from symid.excitation.trajectories import build_tc
+from symid.excitation.trajectory_file import read_trajectory, write_trajectory
+from symid.formats.toml import read_robot
+
+ROBOTS = Path(__file__).resolve().parents[3] / "robots"
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return read_robot(ROBOTS / "two_link.toml")
+
+
+def write(path, text):
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def make_table(heading, rows=12):
+    t = np.arange(rows) * 0.01
+    return heading + "\n" + "\n".join(f"{value},{np.sin(value)},{np.cos(value)}" for value in t) + "\n"
+
+
+def test_what_is_written_is_read(robot, tmp_path):
+    path = tmp_path / "a.csv"
+    wave = build_tc()
+    assert write_trajectory(wave, path, robot, rate=500.0, remarks=("two\nlines", "one")) == 10001
+    lines = path.read_text(encoding="utf-8").splitlines()
+    assert lines[:3] == [
+        "# two lines",
+        "# one",
+        "t [s],q1 [rad],q2 [rad],dq1 [rad/s],dq2 [rad/s],ddq1 [rad/s^2],ddq2 [rad/s^2]",
+    ]
+    motion = read_trajectory(path, robot)
+    t = np.linspace(0.0, 20.0, 999)
+    for found, wanted, near in zip(motion.evaluate(t), wave.evaluate(t), (1e-10, 1e-8, 1e-5), strict=True):
+        np.testing.assert_allclose(found, wanted, atol=near)
+    assert motion.source == "trajectory a.csv"
+    first = path.read_bytes()
+    write_trajectory(wave, path, robot, rate=500.0, remarks=("two\nlines", "one"))
+    assert path.read_bytes() == first
+
+
+def test_periods_repeat_bit_by_bit(robot, tmp_path):
+    path = tmp_path / "a.csv"
+    assert write_trajectory(build_tc(), path, robot, rate=10.0, periods=3) == 601
+    motion = read_trajectory(path, robot)
+    assert motion.duration == 60.0
+    np.testing.assert_array_equal(motion.position[:200], motion.position[400:600])
+    np.testing.assert_array_equal(motion.position[0], motion.position[600])
+
+
+def test_a_folder_that_is_not_there(robot, tmp_path):
+    with pytest.raises(OutputError, match="cannot be written") as caught:
+        write_trajectory(build_tc(), tmp_path / "no" / "a.csv", robot, rate=10.0)
+    assert caught.value.notices[0].code == "output.unwritable"
+
+
+def test_positions_alone_are_enough_in_any_unit_and_order(robot, tmp_path):
+    t = np.linspace(3.0, 5.0, 401)
+    lines = ["q2 [deg],t [ms],q1"]
+    lines += [f"{math.degrees(math.sin(2 * x))!r},{1000 * x!r},{math.cos(x)!r}" for x in t.tolist()]
+    motion = read_trajectory(write(tmp_path / "a.csv", "\n".join(lines)), robot)
+    assert motion.duration == pytest.approx(2.0)
+    s = np.linspace(0.0, 2.0, 77)
+    q, dq, ddq = motion.evaluate(s)
+    x = s + 3.0
+    np.testing.assert_allclose(q, np.column_stack([np.cos(x), np.sin(2 * x)]), atol=1e-9)
+    np.testing.assert_allclose(dq, np.column_stack([-np.sin(x), 2 * np.cos(2 * x)]), atol=1e-6)
+    np.testing.assert_allclose(ddq, np.column_stack([-np.cos(x), -4 * np.sin(2 * x)]), atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (make_table("t,q1,x"), "column q2 is missing"),
+        (make_table("x,q1,q2"), "column t is missing"),
+        (make_table("t,x,y"), "columns q1 to q2 are needed"),
+        (make_table("t,q1,q3"), "column q3: the robot has 2 joints"),
+        (make_table("t,q1,q2 [N m]"), "N m is no unit of angle"),
+        (make_table("t,q1,q2 [grad]"), "no such unit as 'grad'"),
+        (make_table("t,q1,q2", rows=5), "5 samples are no trajectory"),
+        (make_table("t,q1,q2").replace("0.05,", "0.03,", 1), "does not increase after sample 5"),
+        (
+            make_table("t,q1,q2").replace("0.05,", "0.05,nan#", 1).replace("nan#" + str(np.sin(0.05)), "nan"),
+            "column q1: sample 6 is missing",
+        ),
+    ],
+)
+def test_mistakes_in_a_file_are_named(robot, tmp_path, text, says):
+    with pytest.raises(LogError, match=says) as caught:
+        read_trajectory(write(tmp_path / "a.csv", text), robot)
+    assert caught.value.notices[0].code == "excitation.trajectory"
