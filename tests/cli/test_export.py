@@ -39,7 +39,7 @@ def test_the_file_has_the_identified_values(capsys, identified, tmp_path):
 
 
 def test_what_is_no_robot_file_or_another_model_is_refused(capsys, identified, tmp_path):
-    code, answer = call(capsys, "export", "two_link", identified / "estimate.json", "-o", tmp_path / "x.json")
+    code, answer = call(capsys, "export", "two_link", identified / "estimate.json", "-o", tmp_path / "x.txt")
     assert (code, answer["errors"][0]["code"]) == (2, "usage.suffix")
     changed = json.loads((identified / "estimate.json").read_text(encoding="utf-8"))
     other = tmp_path / "other.json"

@@ -1,0 +1,215 @@
+"""What an estimate says of a robot: read from its file and put beside the robot's model.
+
+Input: a robot's name, the path of an estimate, rigid or elastic. Output: `Identified`.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from symid.cli.inputs import load_robot_of_estimate
+from symid.errors import Notice
+
+if TYPE_CHECKING:  # these load numpy and sympy
+    from symid.elastic.estimate import ElasticEstimate
+    from symid.identification.estimate import ParameterEstimate
+    from symid.parameters.base import BaseParameters
+    from symid.parameters.identified_robot import IdentifiedRobot
+    from symid.robot.description import Robot
+    from symid.robot.elasticity import Elasticity
+
+__all__ = ["Identified", "build_robot", "find_identified", "list_warnings"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Identified:
+    """What an estimate says of a robot: identified values, rotors of elastic joints, springs one a joint.
+
+    `robot` is the robot as it was identified, `base` its base parameters; `missing` names what has no value;
+    `covariance` is that of `values`, empty where the method gives none.
+    """
+
+    robot: "Robot"
+    base: "BaseParameters"
+    sources: tuple[str, ...]
+    values: tuple["ParameterEstimate", ...]
+    rotors: Mapping[str, float] = field(default_factory=dict)
+    springs: tuple["Elasticity", ...] = ()
+    missing: tuple[str, ...] = ()
+    notices: tuple[Notice, ...] = ()
+    covariance: tuple[tuple[float, ...], ...] = ()
+
+
+def find_identified(name: str, path: Path) -> Identified:
+    """Return what the estimate at `path`, rigid or elastic, says of the robot called `name`.
+
+    Raises:
+        EstimateError: the file cannot be read, or is of another model.
+    """
+    from symid.elastic.storage import is_elastic_estimate
+
+    return _read_elastic(name, path) if is_elastic_estimate(path) else _read_rigid(name, path)
+
+
+def _read_rigid(name: str, path: Path) -> Identified:
+    """Return what an estimate of a rigid model says; of an elastic robot that is its rigid variant.
+
+    Raises:
+        EstimateError: the estimate is of another model.
+    """
+    from symid.codegen.model_card import build_model_card
+    from symid.elastic.motor_side import build_rigid_estimate, build_rigid_variant
+    from symid.identification.storage import read_estimate
+    from symid.identification.validate import check_model
+    from symid.parameters.base import find_base_parameters
+
+    read = read_estimate(path)
+    described = load_robot_of_estimate(name, read, ())
+    found = build_rigid_estimate(read, described)
+    robot = build_rigid_variant(described)
+    base = find_base_parameters(robot)
+    check_model(found, build_model_card(robot, base, ()), str(path))
+    notices: tuple[Notice, ...] = ()
+    if any(described.elastic):
+        text = (
+            "the joints were identified as rigid, and the file has them so: rotors turn with their links, "
+            "and the springs of the robot file are left out, because with them these values are not true"
+        )
+        notices = (Notice(code="export.rigid-variant", text=text, file=str(path)),)
+    return Identified(
+        robot=robot,
+        base=base,
+        sources=found.sources,
+        values=found.parameters,
+        missing=_find_missing(base, found.parameters),
+        notices=notices,
+        covariance=found.covariance,
+    )
+
+
+def _read_elastic(name: str, path: Path) -> Identified:
+    """Return what an estimate of elastic joints says; what it refuses has no value.
+
+    Raises:
+        EstimateError: the estimate is of another model.
+    """
+    from symid.codegen.model_card import build_model_card
+    from symid.elastic.storage import read_elastic_estimate
+    from symid.parameters.base import find_base_parameters
+    from symid.robot.elasticity import Elasticity
+
+    robot = load_robot_of_estimate(name, read_elastic_estimate(path), ())
+    base = find_base_parameters(robot)
+    found = read_elastic_estimate(path, build_model_card(robot, base, ()))
+    refused = {entry for entry, _ in found.refused}
+    known = [entry for entry in found.parameters if entry.name not in refused]
+    names = {entry.name for entry in (*base.parameters, *base.friction)}
+    values = tuple(entry for entry in known if entry.name in names)
+    rotors = tuple(entry.name for entry in found.parameters if entry.name not in names)
+    own = [robot.joints[index].elasticity for index in robot.coordinates]
+    springs = (
+        tuple(
+            entry.elasticity if entry.told else stated or Elasticity()
+            for entry, stated in zip(found.springs, own, strict=True)
+        )
+        if found.springs
+        else ()
+    )
+    lacking = [entry.joint for entry in found.springs if not entry.told]
+    if not found.springs:
+        lacking = [entry.joint for entry in found.residual]
+    return Identified(
+        robot=robot,
+        base=base,
+        sources=found.sources,
+        values=values,
+        rotors={entry.name: entry.value for entry in known if entry.name not in names},
+        springs=springs,
+        missing=(
+            *_find_missing(base, values),
+            *(entry for entry in rotors if entry in refused),
+            *(f"the spring of {joint!r}" for joint in lacking),
+        ),
+        notices=_name_refused(found, path),
+        covariance=_cut_covariance(found, values),
+    )
+
+
+def _cut_covariance(
+    found: "ElasticEstimate", values: Sequence["ParameterEstimate"]
+) -> tuple[tuple[float, ...], ...]:
+    """Return the covariance of some of the parameters."""
+    names = [entry.name for entry in found.parameters]
+    places = [names.index(entry.name) for entry in values]
+    return tuple(tuple(found.covariance[i][j] for j in places) for i in places if found.covariance)
+
+
+def _name_refused(found: "ElasticEstimate", path: Path) -> tuple[Notice, ...]:
+    """Return why springs are refused: the robot file's own are written, known or not."""
+    return tuple(
+        Notice(
+            code="export.spring",
+            text=f"the spring that was found for {entry.joint!r} is not written: {entry.reason}",
+            file=str(path),
+        )
+        for entry in found.springs
+        if not entry.told
+    )
+
+
+def _find_missing(base: "BaseParameters", values: Sequence["ParameterEstimate"]) -> tuple[str, ...]:
+    known = {entry.name for entry in values}
+    return tuple(entry.name for entry in (*base.parameters, *base.friction) if entry.name not in known)
+
+
+def build_robot(found: Identified) -> "IdentifiedRobot":
+    """Return the robot with the estimate's values, in bodies that exist."""
+    from symid.parameters.identified_robot import build_identified_robot
+
+    # Some methods give no deviations; those of some values alone would not tell how to weigh the others.
+    deviations = {entry.name: entry.std for entry in found.values if 0.0 < entry.std < math.inf}
+    return build_identified_robot(
+        found.robot,
+        found.base,
+        {entry.name: entry.value for entry in found.values},
+        deviations=deviations if len(deviations) == len(found.values) else None,
+        rotors=found.rotors,
+        elasticity=found.springs,
+    )
+
+
+def list_warnings(identified: "IdentifiedRobot", found: Identified, path: Path) -> tuple[Notice, ...]:
+    """Return what a user of the robot built from the estimate at `path` must know."""
+    return (
+        *found.robot.notices,
+        *found.notices,
+        *_warn(identified, found, path),
+        *_name_missing(found, path),
+    )
+
+
+def _warn(identified: "IdentifiedRobot", found: Identified, path: Path) -> tuple[Notice, ...]:
+    standard = identified.standard
+    reason = standard.reason
+    known = {entry.name: entry.std for entry in found.values if 0.0 < entry.std < math.inf}
+    if not reason:
+        return ()
+    # Of values without a deviation nothing can be said.
+    moved = [
+        abs(change) / known[name]
+        for name, change in zip(standard.names, standard.residual.tolist(), strict=True)
+        if name in known
+    ]
+    far = f", at most {max(moved):.2g} standard deviations away" if moved else ""
+    text = f"no bodies have the identified values exactly, the nearest were written{far}: {reason}"
+    return (Notice(code="export.inconsistent", text=text, file=str(path)),)
+
+
+def _name_missing(found: Identified, path: Path) -> tuple[Notice, ...]:
+    if not found.missing:
+        return ()
+    names = ", ".join(found.missing)
+    text = f"not identified, so the robot file's own values or the nearest bodies stand: {names}"
+    return (Notice(code="export.not-identified", text=text, file=str(path)),)

@@ -1,0 +1,72 @@
+"""The page on export and payloads: its commands run, its program compiles, its payload comes out."""
+
+import dataclasses
+import re
+import shlex
+import subprocess
+
+import pytest
+
+from symid.cli.main import run
+from symid.formats.toml import read_robot
+from symid.formats.writer import write_robot
+from symid.robot.inertia import find_standard_parameters
+
+
+@pytest.fixture(scope="module")
+def page(project):
+    return (project / "docs" / "export.md").read_text(encoding="utf-8")
+
+
+def list_blocks(page, language):
+    return re.findall(rf"^```{language}\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
+
+
+def run_lines(block):
+    for line in block.splitlines():
+        assert run([*shlex.split(line)[1:], "-q"]) == 0, line
+
+
+@pytest.fixture(scope="module")
+def folder(page, tmp_path_factory, robots_folder):
+    root = tmp_path_factory.mktemp("export-page")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(root)
+        run_lines(list_blocks(page, "sh")[0])
+        robot = read_robot(robots_folder / "two_link.toml")
+        added = find_standard_parameters(0.8, (0.1, 0.02, 0.0), (0.002, 0.0, 0.0, 0.002, 0.0, 0.003))
+        last = robot.joints[-1]
+        total = tuple(a + b for a, b in zip(last.inertial, added, strict=True))
+        joints = (*robot.joints[:-1], dataclasses.replace(last, inertial=total))
+        loaded = write_robot(dataclasses.replace(robot, joints=joints))
+        (root / "loaded.toml").write_text(loaded, encoding="utf-8")
+        run_lines("symid simulate loaded.toml -o loaded.npz")
+    return root
+
+
+def test_every_format_of_the_table_is_written(page, folder):
+    table = re.findall(r"^\| `\.(\w+)`(?:, `\.\w+`)? \|", page, re.MULTILINE)
+    written = {path.suffix[1:] for path in folder.iterdir()}
+    assert len(table) == 5
+    assert set(table) <= written
+
+
+def test_the_program_runs_with_the_library(page, folder, c_compiler):
+    (program,) = list_blocks(page, "c")
+    code = folder / "code"
+    assert run(["generate", "two_link", "-o", str(code), "-q"]) == 0
+    (folder / "main.c").write_text(program, encoding="utf-8")
+    sources = sorted(str(path) for path in code.glob("symid_two_link_*.c"))
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", f"-I{code}", f"-I{folder}"]
+    command = [c_compiler, *flags, "-o", str(folder / "main"), str(folder / "main.c"), *sources, "-lm"]
+    subprocess.run(command, check=True, timeout=120)
+    done = subprocess.run([str(folder / "main")], check=True, capture_output=True, text=True, timeout=20)
+    assert re.fullmatch(r"-?[\d.]+ -?[\d.]+, Coulomb friction of the elbow 0\.\d+ N m\n", done.stdout)
+
+
+def test_the_payload_comes_out(page, folder, capsys, monkeypatch):
+    monkeypatch.chdir(folder)
+    (line,) = list_blocks(page, "sh")[1].splitlines()
+    assert run(shlex.split(line)[1:]) == 0
+    mass = re.search(r"^mass +([\d.]+) +([\d.]+) +kg$", capsys.readouterr().out, re.MULTILINE)
+    assert abs(float(mass[1]) - 0.8) < 4 * float(mass[2]) < 0.1

@@ -1,0 +1,282 @@
+"""`symid payload`: what a robot carries, from two estimates and from logs."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from symid.cli.main import run
+from symid.codegen.model_card import build_model_card
+from symid.elastic.estimate import ElasticEstimate
+from symid.elastic.fit import ElasticOutcome
+from symid.elastic.motor_side import build_rigid_variant
+from symid.elastic.storage import write_elastic_estimate
+from symid.formats.settings import list_processing
+from symid.formats.toml import read_robot
+from symid.formats.writer import write_robot
+from symid.identification.estimate import ParameterEstimate, Residual
+from symid.parameters.base import find_base_parameters
+from symid.robot.description import FrictionKind, FrictionValues
+from symid.robot.inertia import find_standard_parameters
+from tests.chains import PUMA560, regress
+from tests.estimates import build_estimate, fill_robot, make_plain, store_estimate
+
+MASS, CENTRE, INERTIA = 1.5, (0.03, -0.02, 0.09), (0.004, 0.0003, -0.0002, 0.005, 0.0001, 0.003)
+
+
+def call(capsys, *arguments):
+    code = run([*map(str, arguments), "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def find_codes(answer):
+    return [warning["code"] for warning in answer["warnings"]]
+
+
+def add_payload(robot):
+    """Return the robot with the payload in its last link frame."""
+    body = find_standard_parameters(MASS, CENTRE, INERTIA)
+    last = robot.joints[-1]
+    total = tuple(a + b for a, b in zip(last.inertial, body, strict=True))
+    return dataclasses.replace(robot, joints=(*robot.joints[:-1], dataclasses.replace(last, inertial=total)))
+
+
+def find_covariance(robot, scale):
+    """Return the covariance of an estimate from torques at random states."""
+    estimate = build_estimate(robot)
+    labels = {f"{name}{joint + 1}": (joint, name) for joint in range(robot.size) for name in ("Fv", "Fc")}
+    labels |= {entry.name: entry.label for entry in find_base_parameters(robot).parameters}
+    rng = np.random.default_rng(1)
+    rows = np.vstack(
+        [
+            np.column_stack([columns[labels[entry.name]] for entry in estimate.parameters])
+            for columns in (regress(robot, *rng.uniform(-2, 2, (3, robot.freedom))) for _ in range(80))
+        ]
+    )
+    return scale**2 * np.linalg.inv(rows.T @ rows)
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    """Return a folder with a robot file and estimates of it, loaded and empty, and the robot."""
+    folder = tmp_path_factory.mktemp("payload")
+    joints = tuple(
+        dataclasses.replace(joint, friction=FrictionValues(kind=FrictionKind.VISCOUS_COULOMB))
+        for joint in PUMA560.joints
+    )
+    robot = fill_robot(dataclasses.replace(PUMA560, joints=joints))
+    (folder / "arm.toml").write_text(write_robot(robot), encoding="utf-8")
+    robot = read_robot(folder / "arm.toml")
+    covariance = find_covariance(robot, 0.02)
+    store_estimate(robot, folder / "empty.json", covariance=covariance)
+    store_estimate(add_payload(robot), folder / "loaded.json", covariance=covariance)
+    return folder, robot
+
+
+def test_two_estimates_give_the_payload(capsys, arm, tmp_path):
+    folder, _ = arm
+    code, answer = call(
+        capsys,
+        "payload",
+        folder / "arm.toml",
+        folder / "loaded.json",
+        "--empty",
+        folder / "empty.json",
+        "-o",
+        tmp_path / "payload.json",
+    )
+    assert code == 0, answer
+    result = answer["result"]
+    assert result["mass"] == pytest.approx(MASS, rel=1e-6)
+    np.testing.assert_allclose(result["com"], CENTRE, atol=1e-7)
+    assert list(result["inertia"]) == ["xx", "xy", "xz", "yy", "yz", "zz"]
+    np.testing.assert_allclose(list(result["inertia"].values()), INERTIA, atol=1e-7)
+    assert (result["joint"], result["moved"], result["friction"]) == ("joint6", 0.0, [])
+    assert all(0 < entry["std"] < 0.1 for entry in result["quantities"])
+    stored = json.loads((tmp_path / "payload.json").read_text(encoding="utf-8"))
+    assert stored == {key: value for key, value in result.items() if key != "file"}
+    assert answer["warnings"] == []
+
+
+def test_the_text_has_values_with_deviations(capsys, arm):
+    folder, _ = arm
+    code = run(
+        [
+            "payload",
+            str(folder / "arm.toml"),
+            str(folder / "loaded.json"),
+            "--empty",
+            str(folder / "empty.json"),
+            "--mass",
+            "1.5",
+        ]
+    )
+    assert code == 0
+    out = capsys.readouterr().out
+    assert "puma560: what the link of joint 'joint6' carries" in out
+    assert out.splitlines()[5].split()[0] == "mass"
+
+
+def test_what_noise_hides_is_refused_with_warnings(capsys, arm, tmp_path):
+    folder, robot = arm
+    covariance = find_covariance(robot, 1.0)
+    store_estimate(robot, tmp_path / "empty.json", covariance=covariance)
+    loaded = store_estimate(add_payload(robot), tmp_path / "loaded.json", covariance=covariance)
+    stored = json.loads(loaded.read_text(encoding="utf-8"))
+    changes = {"Fc1": 100.0, "ZZR1": 100.0}
+    for entry in stored["parameters"]:
+        entry["value"] += changes.get(entry["name"], 0.0)
+    loaded.write_text(json.dumps(stored), encoding="utf-8")
+    code, answer = call(
+        capsys, "payload", folder / "arm.toml", loaded, "--empty", tmp_path / "empty.json", "--mass", MASS
+    )
+    assert code == 0, answer
+    assert answer["result"]["inertia"]["xx"] is None
+    assert {"payload.refused", "payload.unexplained", "payload.friction-changed"} <= set(find_codes(answer))
+    assert answer["result"]["friction"][0]["name"] == "Fc1"
+    assert answer["result"]["unexplained"][0]["name"] == "ZZR1"
+    code = run(
+        [
+            "payload",
+            str(folder / "arm.toml"),
+            str(loaded),
+            "--empty",
+            str(tmp_path / "empty.json"),
+            "--mass",
+            "1.5",
+        ]
+    )
+    out = capsys.readouterr().out
+    assert code == 0
+    assert "refused: Jxx: its standard deviation" in out
+    assert "times those of the estimates" in out
+
+
+def test_a_change_that_no_body_makes_is_said(capsys, arm, tmp_path):
+    folder, robot = arm
+    impossible = list(add_payload(robot).joints[-1].inertial)
+    impossible[0] -= 1.0
+    impossible[3] -= 1.0
+    last = dataclasses.replace(robot.joints[-1], inertial=tuple(impossible))
+    changed = dataclasses.replace(robot, joints=(*robot.joints[:-1], last))
+    loaded = store_estimate(changed, tmp_path / "loaded.json", covariance=find_covariance(robot, 0.02))
+    code, answer = call(capsys, "payload", folder / "arm.toml", loaded, "--empty", folder / "empty.json")
+    assert code == 0, answer
+    assert "payload.inconsistent" in find_codes(answer)
+    assert answer["result"]["moved"] > 3
+
+
+def test_the_other_way_round_there_is_no_payload(capsys, arm):
+    folder, _ = arm
+    code, answer = call(
+        capsys, "payload", folder / "arm.toml", folder / "empty.json", "--empty", folder / "loaded.json"
+    )
+    assert (code, answer["errors"][0]["code"]) == (4, "payload.none")
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory, robots_folder):
+    """Return a folder with logs of a planar arm, loaded and empty."""
+    folder = tmp_path_factory.mktemp("payload-logs")
+    robot = read_robot(robots_folder / "two_link.toml")
+    (folder / "heavy.toml").write_text(write_robot(add_payload(robot)), encoding="utf-8")
+    for name, log in (("two_link", "empty"), (str(folder / "heavy.toml"), "loaded")):
+        for seed in ("1", "2"):
+            path = str(folder / f"{log}{seed}.npz")
+            assert run(["simulate", name, "--duration", "8", "--seed", seed, "-o", path, "-q"]) == 0
+    return folder
+
+
+@pytest.mark.parametrize(
+    "options", [(), ("--rows", "momentum", "--estimator", "ols")], ids=["torque", "momentum"]
+)
+def test_logs_give_the_payload(capsys, logs, options):
+    code, answer = call(
+        capsys,
+        "payload",
+        "two_link",
+        logs / "loaded1.npz",
+        logs / "loaded2.npz",
+        "--empty",
+        logs / "empty1.npz",
+        "--empty",
+        logs / "empty2.npz",
+        *options,
+    )
+    assert code == 0, answer
+    by_name = {entry["name"]: entry for entry in answer["result"]["quantities"]}
+    truth = {"mass": MASS, "cx": CENTRE[0], "cy": CENTRE[1]}
+    for name, value in truth.items():
+        assert abs(by_name[name]["value"] - value) < 4 * by_name[name]["std"], name
+        assert by_name[name]["std"] < 0.02
+    assert by_name["cz"]["value"] is None
+    assert "payload.refused" in find_codes(answer)
+
+
+def test_calls_that_cannot_be_answered(capsys, arm, logs, tmp_path):
+    folder, _ = arm
+    robot, loaded, empty = folder / "arm.toml", folder / "loaded.json", folder / "empty.json"
+    code, answer = call(capsys, "payload", robot, loaded, logs / "loaded1.npz", "--empty", empty)
+    assert (code, answer["errors"][0]["code"]) == (2, "usage.payload-inputs")
+    code, answer = call(capsys, "payload", robot, loaded, "--empty", loaded)
+    assert (code, answer["errors"][0]["code"]) == (2, "usage.same-log")
+    code, answer = call(capsys, "payload", robot, loaded, "--empty", empty, "--joint", "hand")
+    assert (code, answer["errors"][0]["code"]) == (2, "usage.payload-joint")
+    code, answer = call(capsys, "payload", "two_link", loaded, "--empty", empty)
+    assert (code, answer["errors"][0]["code"]) == (3, "estimate.signature")
+    code, answer = call(
+        capsys, "payload", "two_link_elastic", logs / "loaded1.npz", "--empty", logs / "empty1.npz"
+    )
+    assert (code, answer["errors"][0]["code"]) == (2, "usage.payload-elastic")
+    code, answer = call(capsys, "payload", robot, loaded, "--empty", empty, "-o", loaded, "--force")
+    assert (code, answer["errors"][0]["code"]) == (3, "output.is-input")
+    unsure = json.loads(empty.read_text(encoding="utf-8"))
+    for entry in unsure["parameters"]:
+        entry["std"] = None
+    (tmp_path / "unsure.json").write_text(json.dumps(unsure | {"covariance": []}), encoding="utf-8")
+    code, answer = call(capsys, "payload", robot, loaded, "--empty", tmp_path / "unsure.json")
+    assert (code, answer["errors"][0]["code"]) == (3, "payload.no-deviations")
+
+
+def build_elastic_estimate(robot):
+    """Return an estimate of elastic joints with the values of the robot file, and one spring refused."""
+    card = build_model_card(robot, find_base_parameters(robot), ())
+    cards = (*card.beta, *card.rotors, *card.friction)
+    parameters = tuple(
+        ParameterEstimate(name=entry.name, value=entry.value, std=1e-4, unit=entry.unit) for entry in cards
+    )
+    residual = tuple(
+        Residual(joint=joint.name, norm=1.0, relative_percent=1.0, std=0.1, samples=10, unit="N m")
+        for joint in card.joints
+    )
+    return ElasticEstimate(
+        robot=robot.name,
+        signature=card.signature,
+        method="elimination",
+        reason="for the test",
+        parameters=parameters,
+        springs=(),
+        residual=residual,
+        energy=residual[0],
+        condition=1.0,
+        outcome=ElasticOutcome.SOLVED,
+        history=(),
+        trials=(),
+        sources=("log.npz",),
+        settings={"processing": make_plain(list_processing(robot.processing))},
+        covariance=tuple(tuple(map(float, row)) for row in 1e-8 * np.eye(len(cards))),
+    )
+
+
+def test_estimates_of_elastic_joints_give_the_payload(capsys, tmp_path, robots_folder):
+    robot = read_robot(robots_folder / "two_link_elastic.toml")
+    empty = write_elastic_estimate(build_elastic_estimate(robot), tmp_path / "empty.json")
+    loaded = write_elastic_estimate(build_elastic_estimate(add_payload(robot)), tmp_path / "loaded.json")
+    code, answer = call(capsys, "payload", "two_link_elastic", loaded, "--empty", empty)
+    assert code == 0, answer
+    assert answer["result"]["mass"] == pytest.approx(MASS, rel=1e-6)
+    np.testing.assert_allclose(answer["result"]["com"][:2], CENTRE[:2], atol=1e-7)
+    rigid = store_estimate(build_rigid_variant(robot), tmp_path / "rigid.json")
+    code, answer = call(capsys, "payload", "two_link_elastic", loaded, "--empty", rigid)
+    assert (code, answer["errors"][0]["code"]) == (3, "payload.other-model")

@@ -1,0 +1,91 @@
+"""Estimates for tests: results of identifications whose values are those of a robot, without any log."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+
+from symid.codegen.model_card import build_model_card
+from symid.formats.settings import list_processing
+from symid.identification.estimate import Estimate, Outcome, ParameterEstimate, Residual
+from symid.identification.storage import write_estimate
+from symid.joint.friction import FRICTION_MODELS
+from symid.parameters.base import find_base_parameters
+from tests.chains import draw_parameters
+
+STD = 1e-4
+
+
+def fill_robot(robot, seed=1):
+    """Return a robot with random bodies, rotors and friction wherever it has such parameters."""
+    rng = np.random.default_rng(seed)
+    bodies = draw_parameters(rng, robot.size)
+
+    def fill_friction(friction):
+        count = len(FRICTION_MODELS[friction.kind].parameters)
+        values = tuple(map(float, rng.uniform(0.2, 1.0, count)))
+        return dataclasses.replace(friction, values=values) if count else friction
+
+    def fill_joint(joint, body):
+        rotor = float(rng.uniform(0.1, 0.5)) if joint.drive.has_rotor else None
+        drive = dataclasses.replace(joint.drive, rotor_inertia=rotor)
+        friction = fill_friction(joint.friction)
+        return dataclasses.replace(joint, inertial=tuple(map(float, body)), drive=drive, friction=friction)
+
+    joints = tuple(fill_joint(joint, body) for joint, body in zip(robot.joints, bodies, strict=True))
+    couplings = tuple(
+        dataclasses.replace(
+            entry, rotor_inertia=float(rng.uniform(0.1, 0.5)), friction=fill_friction(entry.friction)
+        )
+        for entry in robot.couplings
+    )
+    return dataclasses.replace(robot, joints=joints, couplings=couplings)
+
+
+def build_estimate(robot, *, covariance=None, sources=("log.npz",)) -> Estimate:
+    """Return an estimate with the values that `robot` states; `covariance` of all of them, (p, p)."""
+    card = build_model_card(robot, find_base_parameters(robot), ())
+    cards = (*card.beta, *card.friction)
+    given = np.diag([STD**2] * len(cards)) if covariance is None else np.asarray(covariance)
+    processing = list_processing(robot.processing)
+    return Estimate(
+        robot=robot.name,
+        signature=card.signature,
+        rows="torque",
+        estimator="ols",
+        friction=tuple(joint.friction for joint in card.joints),
+        parameters=tuple(
+            ParameterEstimate(
+                name=entry.name,
+                value=entry.value,
+                std=float(np.sqrt(given[k, k])),
+                unit=entry.unit,
+                expression=entry.expression,
+                reason=entry.reason,
+            )
+            for k, entry in enumerate(cards)
+        ),
+        residual=tuple(
+            Residual(joint=joint.name, norm=1.0, relative_percent=1.0, std=0.1, samples=100, unit="N m")
+            for joint in card.joints
+        ),
+        condition=10.0,
+        outcome=Outcome.SOLVED,
+        samples=100,
+        sources=sources,
+        settings={"processing": make_plain(processing)},
+        covariance=tuple(tuple(map(float, row)) for row in given),
+    )
+
+
+def make_plain(value):
+    if isinstance(value, dict):
+        return {key: make_plain(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [make_plain(entry) for entry in value]
+    return value if value is None or isinstance(value, bool | int | str) else float(value)
+
+
+def store_estimate(robot, path: Path, **fields) -> Path:
+    """Write the estimate of `build_estimate` to a file."""
+    return write_estimate(build_estimate(robot, **fields), path)

@@ -1,0 +1,27 @@
+"""MuJoCo as an oracle: torques of a model that it read, in the order of a robot's joints."""
+
+import mujoco
+import numpy as np
+
+RIGID = mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+
+
+def find_mujoco_torques(model: mujoco.MjModel, names, state: np.ndarray, *, dry: bool = False) -> np.ndarray:
+    """Return MuJoCo's torques (n,) of the joints `names` in a state (3, n).
+
+    Dry friction is a constraint there, whose force is the stated one as soon as the joint moves fast enough;
+    limits and what holds followers are constraints too, and never count here.
+    """
+    if dry:
+        bits = mujoco.mjtDisableBit
+        model.opt.disableflags |= bits.mjDSBL_EQUALITY | bits.mjDSBL_LIMIT
+    else:
+        model.opt.disableflags |= RIGID
+    data = mujoco.MjData(model)
+    joints = [model.joint(name) for name in names]
+    for k, joint in enumerate(joints):
+        data.qpos[joint.qposadr[0]] = state[0, k]
+        data.qvel[joint.dofadr[0]] = state[1, k]
+        data.qacc[joint.dofadr[0]] = state[2, k]
+    mujoco.mj_inverse(model, data)
+    return np.array([data.qfrc_inverse[joint.dofadr[0]] for joint in joints])
