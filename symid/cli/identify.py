@@ -3,11 +3,18 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from symid.cli.elastic_settings import check_settings, cut_logs, find_asked_cutoff, list_unused_settings
+from symid.cli.estimator_options import (
+    ESTIMATOR_OPTIONS,
+    build_estimator_options,
+    check_estimator_options,
+    estimator_options,
+    split_estimator_options,
+)
 from symid.cli.identify_elastic import (
     Route,
     answer_elastic,
@@ -22,12 +29,11 @@ from symid.cli.identify_friction import (
     split_friction_options,
 )
 from symid.cli.inputs import (
-    check_distinct,
     check_output,
-    describe_settings,
+    describe_logs,
     load_robot,
     load_robot_library,
-    read_logs,
+    read_fit_logs,
     show_path,
 )
 from symid.cli.options import (
@@ -56,6 +62,7 @@ __all__ = ["command"]
 @click.argument("robot")
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=click.Path(path_type=Path))
 @rows_options
+@estimator_options
 @friction_options
 @elastic_options
 @friction_option
@@ -88,8 +95,8 @@ def command(
     Parameters that the logs cannot tell are refused by name, with the reason. With --rows friction a
     law of friction is found for every joint that moves: which one, and its parameters.
     """
-    of_law, elastic = split_friction_options(further)
-    check_friction_options(rows, of_law, {"method": method, **elastic}, estimator)
+    of_rows, of_law, elastic = _split_options(further)
+    check_friction_options(rows, of_law, {"method": method, **elastic, **of_rows}, estimator)
     pairs = split_settings(
         settings,
         filter_cutoff=cutoff,
@@ -99,8 +106,7 @@ def command(
     )
     described = load_robot(robot, pairs, friction)
     check_output(output, force=force, inputs=(described.path, *logs))
-    check_distinct(logs)
-    recordings = read_logs(logs, described)
+    recordings = read_fit_logs(logs, described)
     if rows == "friction":
         of_law["friction"] = friction
         answer = answer_friction(
@@ -116,9 +122,9 @@ def command(
         console,
         described,
         recordings,
-        logs,
         rows=rows,
         estimator=estimator or "ols",
+        options=of_rows | {"period": of_law["period"], "window": elastic["window"]},
         output=output,
         motor_side=route.kind == "motor-side",
         warnings=_list_warnings(described, recordings),
@@ -155,8 +161,25 @@ def _list_given() -> tuple[str, ...]:
     context = click.get_current_context()
     default = click.core.ParameterSource.DEFAULT
     return tuple(
-        f"--{name}" for name in ("rows", "estimator") if context.get_parameter_source(name) is not default
+        f"--{name.replace('_', '-')}"
+        for name in ("rows", "estimator", "period", *ESTIMATOR_OPTIONS)
+        if context.get_parameter_source(name) is not default
     )
+
+
+def _find_notes(recordings: Sequence["Recording"], code: str) -> tuple[Notice, ...]:
+    return tuple(note for entry in recordings for note in entry.notices if note.code == code)
+
+
+def _split_options(further: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
+    """Return options of rows and estimators, of friction laws, and of elastic joints."""
+    of_rows, others = split_estimator_options(further)
+    return of_rows, *split_friction_options(others)
+
+
+def _find_windows(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return length and overlap of the windows, where they were given."""
+    return {name: options[name] for name in ("window", "overlap") if options[name] is not None}
 
 
 def _list_warnings(robot: "Robot", recordings: Sequence["Recording"]) -> tuple[Notice, ...]:
@@ -172,10 +195,10 @@ def _answer_rigid(
     console: Console,
     described: "Robot",
     recordings: Sequence["Recording"],
-    logs: Sequence[Path],
     *,
     rows: str,
     estimator: str,
+    options: Mapping[str, Any],
     output: Path | None,
     motor_side: bool,
     warnings: tuple[Notice, ...],
@@ -188,13 +211,15 @@ def _answer_rigid(
         refuse_elasticity,
     )
 
+    check_estimator_options(rows, estimator, options)
     both = has_both_encoders(recordings)
     recordings = [build_motor_recording(recording, described) for recording in recordings]
-    library = load_robot_library(build_rigid_variant(described) if motor_side else described, console)
+    rigid = build_rigid_variant(described) if motor_side else described
+    library = load_robot_library(rigid, console)
     console.progress(f"identifying {described.name} from {len(recordings)} log{'s'[: len(recordings) > 1]}")
+    from symid.data.runs import find_weights
     from symid.identification.identify import identify_parameters
     from symid.identification.storage import write_estimate
-    from symid.identification.validate import find_digest
 
     estimate = identify_parameters(
         library,
@@ -202,10 +227,10 @@ def _answer_rigid(
         described.processing,
         rows=rows,
         estimator=estimator,
-        echo={
-            "log": describe_settings(described)["log"],
-            "log_digests": [find_digest(str(path)) for path in logs],
-        },
+        options=build_estimator_options(rigid, library, recordings, estimator=estimator, options=options),
+        **_find_windows(options),
+        weights=find_weights(recordings),
+        echo=describe_logs(described, recordings),
     )
     if not motor_side and any(find_second_encoder(recording) for recording in recordings):
         unused = (
@@ -215,15 +240,13 @@ def _answer_rigid(
         warnings += (Notice(code="identify.second-encoder", text=unused),)
     if motor_side:
         estimate = refuse_elasticity(estimate, described, both=both)
-        warnings += tuple(
-            note for entry in recordings for note in entry.notices if note.code == "log.motor-position"
-        )
-    warnings = (*warnings, *library.notices, *estimate.notices)
+        warnings += _find_notes(recordings, "log.motor-position")
     text = _write_summary(estimate)
     if output is not None:
         text.append(f"estimate: {show_path(write_estimate(estimate, output))}")
     result = {**describe_estimate(estimate), "file": output, "backend": library.backend}
-    return Answer(text="\n\n".join(text), result=result, warnings=warnings)
+    told = (*warnings, *library.notices, *estimate.notices)
+    return Answer(text="\n\n".join(text), result=result, warnings=told)
 
 
 def _write_summary(estimate: "Estimate") -> list[str]:

@@ -62,7 +62,9 @@ def elastic_options(function: Callable[P, R]) -> Callable[P, R]:
         click.option(
             "--knees", type=click.IntRange(min=0), metavar="N", help="Knees on each side of its spring."
         ),
-        click.option("--window", type=positive, metavar="S", help="Length of an energy row."),
+        click.option(
+            "--window", type=positive, metavar="S", help="Length of a momentum, filtered or energy row."
+        ),
         click.option("--lambda", "rate", type=positive, metavar="RAD/S", help="Of the first-order filter."),
     )
     for option in reversed(options):
@@ -116,7 +118,8 @@ def choose_route(
         kind = "has rigid joints besides elastic ones" if any(robot.elastic) else "has no elastic joints"
         text = f"--method {method}: the robot {robot.name!r} {kind}; leave it out, or use --method stiffness"
         raise UsageError(Notice(code="usage.method", text=text))
-    _refuse_mixed((), elastic, f"{robot.name!r}, identified as rigid")
+    others = {name: value for name, value in elastic.items() if name != "window"}
+    _refuse_mixed((), others, f"{robot.name!r}, identified as rigid")
     if any(robot.elastic) and not any(both):
         check_motor_side(robot, recordings)
     return Route(kind="motor-side" if any(robot.elastic) else "rigid")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import click
 
+from symid.cli.estimator_options import ESTIMATOR_NAMES
 from symid.cli.friction_tables import WIDTH, describe_friction, show_joint
 from symid.cli.inputs import describe_settings, load_robot_library, show_path
 from symid.cli.options import FiniteRange
@@ -28,7 +29,6 @@ __all__ = ["answer_friction", "check_friction_options", "friction_options", "spl
 P = ParamSpec("P")
 R = TypeVar("R")
 
-_LINEAR = ("ols", "wls")
 _NAMES = ("model", "known", "smoothing", "period", "seed")
 
 
@@ -59,8 +59,8 @@ def friction_options(function: Callable[P, R]) -> Callable[P, R]:
             type=FiniteRange(min=0.0, min_open=True),
             multiple=True,
             metavar="S",
-            help="Of --rows friction: the motion's period, to average over all of them; once, or once "
-            "for each log, in their order.",
+            help="Of --rows friction and --estimator gls: the motion's period, to average over all of them, "
+            "or to tell the noise by what differs; once, or once for each log, in their order.",
         ),
         click.option(
             "--seed", type=click.IntRange(min=0), metavar="N", help="Of a stochastic estimator of friction."
@@ -93,15 +93,18 @@ def check_friction_options(
         UsageError: options of one kind with rows of the other.
     """
     asked = rows == "friction"
-    if not asked and estimator not in {None, *_LINEAR}:
+    if not asked and estimator not in {None, *ESTIMATOR_NAMES}:
         text = (
             f"estimator {estimator!r}: there is no such estimator of {rows} rows; allowed are "
-            f"{', '.join(_LINEAR)}; those of friction laws go with --rows friction"
+            f"{', '.join(ESTIMATOR_NAMES)}; those of friction laws go with --rows friction"
         )
         raise UsageError(Notice(code="usage.unknown-estimator", text=text))
-    unfit = others if asked else friction
+    # Periods serve other rows too; the estimator that reads them is checked with its own options.
+    unfit = others if asked else {name: value for name, value in friction.items() if name != "period"}
     names = {"rate": "lambda"}
-    given = [f"--{names.get(name, name)}" for name, value in unfit.items() if value is not None]
+    given = [
+        f"--{names.get(name, name).replace('_', '-')}" for name, value in unfit.items() if value is not None
+    ]
     if given:
         what = "--rows friction" if asked else f"--rows {rows}; they belong to --rows friction"
         text = f"{', '.join(given)} cannot be used with {what}; leave {'them' if given[1:] else 'it'} out"

@@ -24,11 +24,13 @@ if TYPE_CHECKING:  # these load numpy, which a usage error must not wait for
 __all__ = [
     "check_distinct",
     "check_output",
+    "describe_logs",
     "describe_origin",
     "describe_settings",
     "load_robot",
     "load_robot_library",
     "load_robot_of_estimate",
+    "read_fit_logs",
     "read_logs",
     "show_path",
 ]
@@ -99,24 +101,51 @@ def load_robot_library(robot: "Robot", console: Console) -> "Library":
 
 
 def read_logs(paths: Sequence[Path], robot: "Robot") -> tuple["Recording", ...]:
-    """Return the recordings; all logs are read before anything is said about one.
+    """Return the recordings, those of all runs where a file lists them; all logs are read first.
 
     Raises:
         LogError: with what is wrong with any of them.
     """
-    from symid.data.readers import read_recording
+    from symid.data.runs import read_log_runs
     from symid.errors import LogError
 
     recordings: list[Recording] = []
     notices: list[Notice] = []
     for path in paths:
         try:
-            recordings.append(read_recording(path, robot))
+            recordings += read_log_runs(path, robot)
         except LogError as error:
             notices += error.notices
     if notices:
         raise LogError(*notices)
     return tuple(recordings)
+
+
+def read_fit_logs(paths: Sequence[Path], robot: "Robot") -> tuple["Recording", ...]:
+    """Return the recordings for one fit: each log once, and no two payloads.
+
+    Raises:
+        UsageError: a log is given twice.
+        LogError: with what is wrong with any of them.
+    """
+    from symid.data.runs import check_one_payload, list_files
+
+    check_distinct([file for path in paths for file in list_files((path,), robot)])
+    recordings = read_logs(paths, robot)
+    check_one_payload(recordings)
+    return recordings
+
+
+def describe_logs(robot: "Robot", recordings: Sequence["Recording"]) -> dict[str, object]:
+    """Return for the echo in a result what was read: the log map, the files' digests, the runs' settings."""
+    from symid.data.runs import describe_runs
+    from symid.identification.validate import find_digest
+
+    return {
+        "log": describe_settings(robot)["log"],
+        "log_digests": [find_digest(recording.source) for recording in recordings],
+        **describe_runs(recordings),
+    }
 
 
 def check_distinct(paths: Sequence[Path]) -> None:

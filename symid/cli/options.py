@@ -114,7 +114,7 @@ def rows_options(function: Callable[P, R]) -> Callable[P, R]:
     options = (
         click.option(
             "--rows",
-            type=click.Choice(("torque", "momentum", "energy", "friction")),
+            type=click.Choice(("torque", "momentum", "filtered", "power", "energy", "friction")),
             default="torque",
             show_default=True,
             help="How measurements become equations; friction: a law of friction for every joint that moves.",
@@ -122,8 +122,9 @@ def rows_options(function: Callable[P, R]) -> Callable[P, R]:
         click.option(
             "--estimator",
             metavar="NAME",
-            help="How equations become parameters: ols or wls; of --rows friction varpro, root-finding, nlp, "
-            "genetic, annealing or differential-evolution.  [default: ols, varpro]",
+            help="How equations become parameters: ols, wls, gls, huber, ridge, consistent or sequential; of "
+            "--rows friction varpro, root-finding, nlp, genetic, annealing or differential-evolution.  "
+            "[default: ols, varpro]",
         ),
     )
     for option in options:

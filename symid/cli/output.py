@@ -25,6 +25,7 @@ __all__ = ["Answer", "Console", "format_table", "print_answer", "print_errors", 
 
 _NOTES = frozenset(
     {
+        "check.elastic",
         "elastic.motor-side",
         "estimate.settings-differ",
         "identify.automatic",
@@ -37,6 +38,8 @@ _NOTES = frozenset(
         "log.folded",
         "log.in-line",
         "log.motor-position",
+        "log.offset",
+        "log.resampled",
         "new.gravity",
         "robot.assumed-gravity",
         "robot.cut-off",

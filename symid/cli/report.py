@@ -1,12 +1,13 @@
 """`symid report ESTIMATE -o report.html`: what was found, on one page."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
+from symid.cli.diagnosed import describe_diagnosis, show_diagnosis
 from symid.cli.elastic_settings import check_settings, cut_logs, find_asked_cutoff
 from symid.cli.inputs import (
     check_output,
@@ -23,7 +24,8 @@ from symid.errors import Notice, UsageError
 if TYPE_CHECKING:  # these load numpy
     from symid.codegen.library import Library
     from symid.data.recording import Recording
-    from symid.identification.estimate import Validation
+    from symid.identification.diagnosis import Diagnosis
+    from symid.identification.estimate import Estimate, Validation
     from symid.robot.description import Robot
 
 __all__ = ["command"]
@@ -38,6 +40,7 @@ class _Call:
     robot: str | None
     pairs: tuple[tuple[str, str], ...]
     output: Path
+    diagnose: bool = False
 
 
 class _Logs(NamedTuple):
@@ -59,6 +62,12 @@ class _Logs(NamedTuple):
     type=click.Path(path_type=Path),
     help="Held-out log to predict; may be repeated.",
 )
+@click.option(
+    "--diagnose",
+    is_flag=True,
+    help="Read the logs of the fit again: what they can tell, essential parameters, bootstrap, drift, and "
+    "which term the residual misses.",
+)
 @click.option("--robot", help="Robot of the logs.  [default: the name in ESTIMATE]")
 @set_option
 @output_option("Page to write.", required=True)
@@ -69,6 +78,7 @@ def command(
     *,
     estimate: Path,
     logs: tuple[Path, ...],
+    diagnose: bool,
     robot: str | None,
     settings: tuple[str, ...],
     output: Path,
@@ -81,20 +91,25 @@ def command(
     """
     pairs = split_settings(settings)
     given = [name for name, value in (("--robot", robot), ("--set", settings)) if value]
-    if given and not logs:
+    if given and not logs and not diagnose:
         text = (
             f"{', '.join(given)} is of the logs that --validation names, and there is none; "
-            f"give --validation LOG, or leave {'them' if given[1:] else 'it'} out"
+            f"give --validation LOG or --diagnose, or leave {'them' if given[1:] else 'it'} out"
         )
         raise UsageError(Notice(code="usage.no-validation", text=text))
     check_output(output, force=force, inputs=(estimate, *logs))
     from symid.elastic.storage import is_elastic_estimate
     from symid.friction.results import is_friction_result
 
+    rigid = not is_friction_result(estimate) and not is_elastic_estimate(estimate)
+    if diagnose and not rigid:
+        text = "--diagnose needs an estimate of base parameters; leave it out"
+        raise UsageError(Notice(code="usage.no-diagnosis", text=text, file=str(estimate)))
     if is_friction_result(estimate):
         return _report_friction(estimate, logs, output)
-    answer = _report_elastic if is_elastic_estimate(estimate) else _report_rigid
-    return answer(console, _Call(estimate=estimate, logs=logs, robot=robot, pairs=pairs, output=output))
+    answer = _report_rigid if rigid else _report_elastic
+    call = _Call(estimate=estimate, logs=logs, robot=robot, pairs=pairs, output=output, diagnose=diagnose)
+    return answer(console, call)
 
 
 def _report_friction(estimate: Path, logs: tuple[Path, ...], output: Path) -> Answer:
@@ -116,14 +131,15 @@ def _report_rigid(console: Console, call: _Call) -> Answer:
     """Estimate of a rigid robot, logs -> page."""
     from symid.elastic.motor_side import build_rigid_variant, find_unseen
     from symid.identification.storage import read_estimate
-    from symid.identification.validate import check_model, find_window, validate_estimate
+    from symid.identification.validate import check_model
     from symid.report.identification import write_report
 
     found = read_estimate(call.estimate)
-    validations: list[Validation] = []
+    validations: tuple[Validation, ...] = ()
+    diagnosis: Diagnosis | None = None
     notices: tuple[Notice, ...] = ()
     origin: tuple[str, ...] = ()
-    if call.logs:
+    if call.logs or call.diagnose:
         described = _find_robot(
             call, found.robot, lambda name: load_robot_of_estimate(name, found, call.pairs)
         )
@@ -133,23 +149,56 @@ def _report_rigid(console: Console, call: _Call) -> Answer:
         tried = replace(found, refused=tuple(entry for entry in found.refused if entry[0] not in unseen))
         library, recordings, notices, origin = _read_logs(console, call, robot)
         check_model(tried, library.card, str(call.estimate))
-        for recording in recordings:
-            console.progress(f"validating on {recording.source}")
-            # In the rows of the fit, because only like residuals can be compared.
-            validations.append(
-                validate_estimate(
-                    tried,
-                    library,
-                    recording,
-                    robot.processing,
-                    rows=found.rows,
-                    window=find_window(found.settings),
-                )
-            )
-    path = write_report(call.output, found, tuple(validations), notices, origin)
+        validations = _validate_logs(console, tried, library, recordings, robot)
+        if call.diagnose:
+            diagnosis = _diagnose(console, tried, library, robot, described)
+    path = write_report(call.output, found, validations, notices, origin, diagnosis=diagnosis)
     sources = [entry.source for entry in validations]
     told = (*notices, *(notice for entry in validations for notice in entry.notices))
-    return _answer(found.robot, path, sources, told)
+    answer = _answer(found.robot, path, sources, told)
+    if diagnosis is None:
+        return answer
+    result = {**answer.result, "diagnosis": describe_diagnosis(diagnosis)}
+    return replace(answer, text="\n\n".join((answer.text, show_diagnosis(diagnosis))), result=result)
+
+
+def _validate_logs(
+    console: Console,
+    estimate: "Estimate",
+    library: "Library",
+    recordings: Sequence["Recording"],
+    robot: "Robot",
+) -> tuple["Validation", ...]:
+    """Return what the estimate explains of each log, in the rows of the fit: like residuals compare."""
+    from symid.identification.validate import find_window, validate_estimate
+
+    found = []
+    for recording in recordings:
+        console.progress(f"validating on {recording.source}")
+        found.append(
+            validate_estimate(
+                estimate,
+                library,
+                recording,
+                robot.processing,
+                rows=estimate.rows,
+                window=find_window(estimate.settings),
+            )
+        )
+    return tuple(found)
+
+
+def _diagnose(
+    console: Console, estimate: "Estimate", library: "Library", robot: "Robot", described: "Robot"
+) -> "Diagnosis":
+    """Return what the logs of the fit tell, read again."""
+    from symid.elastic.motor_side import build_motor_recording
+    from symid.identification.diagnosis import diagnose_estimate
+
+    read = read_logs([Path(source) for source in estimate.sources], described)
+    recordings = [build_motor_recording(entry, described) for entry in read]
+    console.progress(f"diagnosing the fit to {len(recordings)} log{'s'[: len(recordings) > 1]}")
+    return diagnose_estimate(estimate, library, recordings, robot.processing)
 
 
 def _report_elastic(console: Console, call: _Call) -> Answer:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:  # these load numpy
 
     from symid.codegen.library import Library
     from symid.data.recording import Recording
+    from symid.excitation.motion import Motion
     from symid.excitation.trajectories import Trajectory
     from symid.robot.description import Robot
     from symid.simulation.elastic_options import ElasticExperimentOptions
@@ -28,6 +29,7 @@ DEFAULT_NOISE = 0.05
 """N m or N, of rigid robots; elastic ones have noise in proportion to their torques."""
 _TA_JOINTS = 2
 _SUFFIXES = (".npz", ".csv")
+_TRAJECTORIES = ("fourier", "ta", "tb", "tc")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,10 +56,11 @@ class _Outcome:
 @click.argument("robot")
 @click.option(
     "--trajectory",
-    type=click.Choice(("fourier", "ta", "tb", "tc")),
+    metavar="NAME|FILE",
     default="fourier",
     show_default=True,
-    help="A random Fourier series, one of the published trajectories, or tc, kept for validation.",
+    help="fourier, a random Fourier series; ta or tb, published ones; tc, kept for validation; or a file of "
+    "symid excite, .csv.",
 )
 @click.option(
     "--scale",
@@ -127,7 +130,7 @@ def command(
     described = load_robot(robot, friction=friction)
     sensors = _Sensors(clean=clean, noise=noise, delay=delay, offset=offset)
     _check_suffix(output)
-    check_output(output, force=force, inputs=(described.path,))
+    check_output(output, force=force, inputs=(described.path, *_list_files(trajectory)))
     _check_sensors(described, sensors)
     check_values(described)
     import numpy as np
@@ -135,7 +138,7 @@ def command(
     from symid.data.writers import write_recording
 
     rng = np.random.default_rng(seed)
-    path = build_trajectory(described, trajectory, rng, duration=duration, joint=joint, scale=scale)
+    path = _find_motion(described, trajectory, rng, duration=duration, joint=joint, scale=scale)
     library = load_robot_library(described, console)
     console.progress(f"simulating {path.duration:g} s of {described.name}")
     simulate = _simulate_elastic if any(described.elastic) else _simulate_rigid
@@ -165,7 +168,7 @@ def command(
 def _simulate_rigid(
     robot: "Robot",
     library: "Library",
-    trajectory: "Trajectory",
+    trajectory: "Motion",
     sensors: _Sensors,
     rng: "np.random.Generator",
 ) -> _Outcome:
@@ -184,7 +187,7 @@ def _simulate_rigid(
 def _simulate_elastic(
     robot: "Robot",
     library: "Library",
-    trajectory: "Trajectory",
+    trajectory: "Motion",
     sensors: _Sensors,
     rng: "np.random.Generator",
 ) -> _Outcome:
@@ -224,6 +227,41 @@ def _check_sensors(robot: "Robot", sensors: _Sensors) -> None:
             "joint; leave them out"
         )
         raise UsageError(Notice(code="usage.rigid-sensors", text=text))
+
+
+def _list_files(name: str) -> tuple[Path, ...]:
+    """Return the file that a trajectory is read from, nothing for those with names."""
+    if name in _TRAJECTORIES:
+        return ()
+    if not Path(name).is_file():
+        known = ", ".join(_TRAJECTORIES)
+        text = f"--trajectory {name}: neither one of {known} nor a file; symid excite writes one"
+        raise UsageError(Notice(code="usage.trajectory", text=text))
+    return (Path(name),)
+
+
+def _find_motion(
+    robot: "Robot",
+    name: str,
+    rng: "np.random.Generator",
+    *,
+    duration: float | None,
+    joint: int,
+    scale: float,
+) -> "Motion":
+    """Return the trajectory of a name, or that of a file, of which no more than `duration` s is kept."""
+    from symid.excitation.motion import build_part, build_scaled_samples
+    from symid.excitation.trajectory_file import read_trajectory
+
+    if name in _TRAJECTORIES:
+        return build_trajectory(robot, name, rng, duration=duration, joint=joint, scale=scale)
+    motion = build_scaled_samples(read_trajectory(Path(name), robot), scale)
+    if duration is None:
+        return motion
+    if duration > motion.duration:
+        text = f"--duration {duration:g} s: the trajectory ends after {motion.duration:g} s"
+        raise UsageError(Notice(code="usage.trajectory", text=text, file=name))
+    return build_part(motion, duration)
 
 
 def _check_suffix(path: Path) -> None:

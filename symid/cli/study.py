@@ -11,6 +11,7 @@ from symid.cli.friction_study import FRICTION_SEED, study_friction_tables
 from symid.cli.inputs import check_output, load_robot, load_robot_library
 from symid.cli.options import DEFAULT_SEED, force_option, output_option, verb
 from symid.cli.output import Answer, Console, format_table
+from symid.cli.study_identification import study_identification
 from symid.errors import Notice, UsageError
 
 if TYPE_CHECKING:  # these load numpy
@@ -23,16 +24,19 @@ __all__ = ["command"]
 _ROBOTS = {"elastic": "two_link_elastic", "tracking": "two_link_elastic", "six-joints": "puma560_elastic"}
 _SEEDS = {"elastic": 100, "tracking": 20, "six-joints": 1}
 _FRICTION = "friction-tables"
+_PRECISION = "precision"
+_CUTOFF = "cutoff"
 
 
 @click.command("study")
-@click.argument("name", type=click.Choice((*_ROBOTS, _FRICTION)))
+@click.argument("name", type=click.Choice((*_ROBOTS, _FRICTION, _PRECISION, _CUTOFF)))
+@click.argument("inputs", nargs=-1, metavar="[ROBOT [LOG]]")
 @click.option("--robot", metavar="ROBOT", help="Another robot with elastic joints and all values stated.")
 @click.option(
     "--seeds",
     type=click.IntRange(min=1),
     metavar="N",
-    help="How many, from --seed on.  [default: 100; 20; 1; 1000]",
+    help="How many, from --seed on.  [default: 100; 20; 1; 1000; 400]",
 )
 @click.option(
     "--seed",
@@ -48,6 +52,7 @@ def command(
     console: Console,
     *,
     name: str,
+    inputs: tuple[str, ...],
     robot: str | None,
     seeds: int | None,
     seed: int | None,
@@ -61,8 +66,13 @@ def command(
     links follow when the controller knows the identified model, another one, or none.
     six-joints: dynamics of an elastic six-axis arm, judged on a held-out motion.
     friction-tables: the tables of Zhang, Hu and Zou (2021) on joint friction, theirs and ours side by side.
+    precision ROBOT: errors of identification against the Cramer-Rao bound, on five random excitations.
+    cutoff ROBOT LOG: what the cut-off of the position filter does to what a fit foretells.
     """
     _refuse_options(name, robot, output)
+    _refuse_inputs(name, inputs)
+    if name in {_CUTOFF, _PRECISION}:
+        return study_identification(console, name, inputs, seeds=seeds, seed=seed, jobs=jobs)
     if name == _FRICTION:
         # Minutes before it is written: a page that cannot be is refused now.
         check_output(output, force=force)
@@ -91,16 +101,16 @@ def command(
     from symid.study.elastic_runs import Condition
     from symid.study.many_joints import study_many_joints
 
-    results = [
-        study_many_joints(described, library, condition, number)
-        for number in numbers
-        for condition in Condition
-    ]
-    warnings = tuple(dict.fromkeys(notice for result in results for notice in result.notices))
+    return _answer_many(
+        [study_many_joints(described, library, entry, number) for number in numbers for entry in Condition]
+    )
+
+
+def _answer_many(results: Sequence["ManyJointsResult"]) -> Answer:
     return Answer(
         text="\n\n".join(map(_write_many, results)),
         result={"runs": [_describe_many(result) for result in results]},
-        warnings=warnings,
+        warnings=tuple(dict.fromkeys(notice for result in results for notice in result.notices)),
     )
 
 
@@ -112,6 +122,19 @@ def _refuse_options(name: str, robot: str | None, output: Path | None) -> None:
     if name != _FRICTION and output is not None:
         text = f"-o {output}: only {_FRICTION} writes a page; for the results of {name} use --json"
         raise UsageError(Notice(code="usage.study-option", text=text))
+
+
+def _refuse_inputs(name: str, inputs: Sequence[str]) -> None:
+    """Raise where a study is given inputs that it does not take, or lacks those that it needs.
+
+    Raises:
+        UsageError: there are too many, or too few.
+    """
+    wanted = {_PRECISION: "ROBOT", _CUTOFF: "ROBOT LOG"}.get(name, "")
+    if len(inputs) != len(wanted.split()):
+        took = f"`symid study {name} {wanted}`".replace(" `", "`")
+        text = f"{len(inputs)} arguments after {name!r}; it is called as {took}"
+        raise UsageError(Notice(code="usage.study-inputs", text=text))
 
 
 def _describe_elastic(study: "ElasticStudy", numbers: range) -> dict[str, object]:

@@ -10,11 +10,14 @@ from symid.cli.output import format_table
 
 if TYPE_CHECKING:  # these load numpy
     from symid.identification.estimate import Estimate, Residual, Validation
+    from symid.identification.metric import BandResidual
 
 __all__ = [
+    "describe_band",
     "describe_estimate",
     "describe_residual",
     "describe_validation",
+    "show_band",
     "show_parameters",
     "show_residual",
 ]
@@ -101,3 +104,26 @@ def show_residual(residual: Sequence["Residual"]) -> str:
         for entry in residual
     ]
     return format_table(("joint", "norm", "relative/%", "std", "unit", "samples"), rows, left=(0, 4))
+
+
+def describe_band(residual: "BandResidual") -> dict[str, object]:
+    """Return the residual within a band as `symid validate --json` gives it."""
+    joints = [
+        {**entry, "range_percent": share}
+        for entry, share in zip(describe_residual(residual.joints), residual.range_percent, strict=True)
+    ]
+    return {
+        "frequency": residual.band,
+        "residual": joints,
+        "mean_relative_percent": residual.mean_relative_percent,
+    }
+
+
+def show_band(residual: "BandResidual") -> str:
+    """Return the table of residuals within a band."""
+    rows = [
+        [entry.joint, entry.std, f"{entry.relative_percent:.4f}", f"{share:.4f}", entry.unit, entry.samples]
+        for entry, share in zip(residual.joints, residual.range_percent, strict=True)
+    ]
+    header = ("joint", "rms", "relative/%", "of range/%", "unit", "samples")
+    return format_table(header, rows, left=(0, 4))

@@ -1,6 +1,7 @@
 """`symid validate ROBOT ESTIMATE LOG`: what an estimate explains of a log it was not fitted to."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -8,9 +9,16 @@ from symid.cli.friction_result import validate_friction_result
 from symid.cli.inputs import load_robot_library, load_robot_of_estimate, read_logs
 from symid.cli.options import FiniteRange, set_option, split_settings, verb
 from symid.cli.output import Answer, Console
-from symid.cli.tables import describe_validation, show_residual
+from symid.cli.tables import describe_band, describe_validation, show_band, show_residual
 from symid.cli.validate_elastic import ElasticCall, answer_elastic, find_missed_gate
 from symid.errors import Notice, UsageError
+
+if TYPE_CHECKING:  # these load numpy
+    from symid.codegen.library import Library
+    from symid.data.recording import Recording
+    from symid.identification.estimate import Estimate
+    from symid.identification.metric import BandResidual
+    from symid.robot.description import Robot
 
 __all__ = ["command"]
 
@@ -26,6 +34,13 @@ _MISSED = 1
     type=FiniteRange(min=0.0, min_open=True),
     metavar="PERCENT",
     help="Largest acceptable mean of the joints' relative residuals; of elastic joints, in each table.",
+)
+@click.option(
+    "--band",
+    type=FiniteRange(min=0.0, min_open=True),
+    metavar="HZ",
+    help="Compare torques at the full sample rate, both low-passed alike at HZ, without half a second at "
+    "either end; the gate is of that figure.",
 )
 @click.option(
     "--tracking",
@@ -53,6 +68,7 @@ def command(
     estimate: Path,
     log: Path,
     gate: float | None,
+    band: float | None,
     tracking: bool,
     against: Path | None,
     seed: int | None,
@@ -80,6 +96,7 @@ def command(
     from symid.elastic.storage import is_elastic_estimate
 
     if is_elastic_estimate(estimate):
+        _refuse_band(band, "elastic joints", estimate)
         return answer_elastic(console, call)
     if tracking:
         text = "--tracking needs an estimate of elastic joints with their springs; leave it out"
@@ -87,11 +104,18 @@ def command(
     from symid.friction.results import is_friction_result
 
     if is_friction_result(estimate):
+        _refuse_band(band, "a law of friction", estimate)
         return validate_friction_result(console, call)
-    return _answer_rigid(console, call)
+    return _answer_rigid(console, call, band)
 
 
-def _answer_rigid(console: Console, call: ElasticCall) -> Answer:
+def _refuse_band(band: float | None, kind: str, estimate: Path) -> None:
+    if band is not None:
+        text = f"--band needs an estimate of base parameters, and this one is of {kind}; leave it out"
+        raise UsageError(Notice(code="usage.no-band", text=text, file=str(estimate)))
+
+
+def _answer_rigid(console: Console, call: ElasticCall, band: float | None) -> Answer:
     """Return what the rigid model explains; one that was identified as rigid is tried as rigid."""
     from symid.elastic.motor_side import (
         build_motor_recording,
@@ -110,19 +134,36 @@ def _answer_rigid(console: Console, call: ElasticCall) -> Answer:
     check_model(found, library.card, str(call.estimate))
     console.progress(f"validating on {recording.source}")
     validation = validate_estimate(found, library, recording, described.processing)
-    reached = validation.mean_relative_percent
+    residual = None if band is None else _compare_band(found, library, recording, described, band)
+    reached = (residual or validation).mean_relative_percent
     errors = find_missed_gate(reached, call.gate, recording.source)
     kind = " (joints taken as rigid)" if any(described.elastic) else ""
+    within = "" if band is None else f" within {band:g} Hz"
     text = "\n\n".join(
         (
-            f"{described.name}{kind} on {recording.source}: mean relative residual {reached:.4f} %",
-            show_residual(validation.residual),
+            f"{described.name}{kind} on {recording.source}{within}: mean relative residual {reached:.4f} %",
+            show_residual(validation.residual) if residual is None else show_band(residual),
         )
     )
     return Answer(
         text=text,
-        result={**describe_validation(validation), "gate": call.gate, "accepted": not errors},
+        result={
+            **describe_validation(validation),
+            **({} if residual is None else {"band": describe_band(residual)}),
+            "gate": call.gate,
+            "accepted": not errors,
+        },
         warnings=(*described.notices, *library.notices, *recording.notices, *validation.notices),
         errors=errors,
         exit_code=_MISSED if errors else 0,
     )
+
+
+def _compare_band(
+    estimate: "Estimate", library: "Library", recording: "Recording", robot: "Robot", band: float
+) -> "BandResidual":
+    from symid.identification.metric import find_band_residual, predict_torques
+
+    names = tuple(entry.name for entry in (*library.card.beta, *library.card.friction))
+    values = estimate.assemble(names)
+    return find_band_residual(predict_torques(values, library, recording, robot.processing, band=band))

@@ -3,7 +3,7 @@
 Input: settings, rows and fit, the library. Output: notices in plain sentences, each with what to do.
 
 Supported: one recording or several; torque and momentum rows for the pattern of the residual.
-Not supported: naming the missing term (the report's residual plots show where it acts).
+Not supported: naming the missing term; see `structure`.
 """
 
 from collections.abc import Sequence
@@ -13,17 +13,15 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.codegen.library import Library
 from symid.data.recording import Recording
-from symid.data.signals import settle_processing
 from symid.errors import Notice
 from symid.identification.identifiability import Identifiability
 from symid.identification.regression import Fit
-from symid.identification.rows import Rows
-from symid.identification.statistics import find_group_scatter, find_inverse_root
+from symid.identification.rows import SCALAR_KINDS, Rows
+from symid.identification.statistics import find_inverse_root
 from symid.robot.log_map import Processing
 
 __all__ = [
     "find_block_deviations",
-    "warn_of_choice",
     "warn_of_mass_matrix",
     "warn_of_pattern",
     "warn_of_processing",
@@ -57,29 +55,14 @@ def warn_of_processing(processing: Processing, recordings: Sequence[Recording]) 
     return (Notice(code="identify.low-cutoff", text=text),)
 
 
-def warn_of_choice(processing: Processing, recordings: Sequence[Recording]) -> tuple[Notice, ...]:
-    """Return a notice that says which filters were chosen because the robot file states none."""
-    chosen = settle_processing(processing, recordings[0].period)
-    if chosen == processing:
-        return ()
-    text = (
-        "the robot file leaves the processing open: positions pass a "
-        f"low-pass at {chosen.filter_cutoff:g} Hz, and one row in {chosen.decimation.factor} is kept; "
-        "state filter_cutoff and decimation under [processing] to choose yourself"
-    )
-    return (Notice(code="identify.automatic", text=text),)
-
-
-def find_block_deviations(rows: Rows, fit: Fit, seen: Identifiability, *, weighted: bool) -> FloatArray:
+def find_block_deviations(rows: Rows, fit: Fit, seen: Identifiability) -> FloatArray:
     """Return standard deviations (p,) that hold for noise that is not independent from row to row.
 
     B G (sum_b F_b' e_b e_b' F_b) G B' with G = (F'F)^-1, F = A B, over blocks b of consecutive rows of one
     group: the clustered covariance (Liang and Zeger 1986).
     """
-    scatter = find_group_scatter(rows, fit.residuals, fit.spent)
-    weights = 1.0 / np.maximum(scatter, 1e-300)[rows.group] if weighted else np.ones(len(rows.values))
-    design = (rows.matrix @ seen.basis) * weights[:, None]
-    errors = fit.residuals * weights
+    design = (rows.matrix @ seen.basis) * fit.weights[:, None]
+    errors = fit.residuals * fit.weights
     root = find_inverse_root(design)
     total = np.zeros((design.shape[1], design.shape[1]))
     for group in np.unique(rows.group):
@@ -93,13 +76,13 @@ def find_block_deviations(rows: Rows, fit: Fit, seen: Identifiability, *, weight
     return deviations
 
 
-def warn_of_pattern(rows: Rows, fit: Fit, seen: Identifiability, *, weighted: bool) -> tuple[Notice, ...]:
+def warn_of_pattern(rows: Rows, fit: Fit, seen: Identifiability) -> tuple[Notice, ...]:
     """Return a notice where the residual keeps a pattern, so that the stated deviations are too small."""
     learnt = seen.basis.shape[1]
-    if rows.kind == "energy" or len(rows.values) < 20 * learnt:
+    if rows.kind in SCALAR_KINDS or len(rows.values) < 20 * learnt:
         return ()
     stated = np.sqrt(np.diag(fit.covariance))
-    blocks = find_block_deviations(rows, fit, seen, weighted=weighted)
+    blocks = find_block_deviations(rows, fit, seen)
     scale = np.maximum(np.abs(fit.values).max(), 1e-300)
     # A fit to the last bit leaves rounding, whose pattern says nothing.
     far = [
@@ -113,8 +96,8 @@ def warn_of_pattern(rows: Rows, fit: Fit, seen: Identifiability, *, weighted: bo
     worst = max(ratio for _, ratio in far)
     text = (
         f"the residual is not noise but keeps a pattern: the standard deviations of {names} are up to "
-        f"{worst:.2g} times too small; look at the residual plots of the report: a term is missing, a filter "
-        "blurs, or a joint sticks (processing.standstill)"
+        f"{worst:.2g} times too small; `symid report --diagnose` shows what it follows: a term is missing, "
+        "a filter blurs, or a joint sticks (processing.standstill)"
     )
     return (Notice(code="identify.pattern", text=text),)
 

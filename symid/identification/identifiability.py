@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray, freeze
 from symid.data.recording import Recording, Signals
 from symid.errors import IdentifiabilityError, Notice
+from symid.identification.condensation import Condensed, condense_rows
 from symid.identification.rows import Rows
 
 __all__ = [
@@ -28,6 +29,7 @@ __all__ = [
     "find_identifiability",
     "find_resting_joints",
     "find_spectrum",
+    "judge_condensed",
     "settle_joints",
 ]
 
@@ -108,16 +110,24 @@ def find_identifiability(rows: Rows, rule: RankRule | None = None) -> Identifiab
     Raises:
         IdentifiabilityError: none can be learnt, or there are not more rows than parameters.
     """
+    return judge_condensed(condense_rows(rows), rows.kind, rows.names, rule)
+
+
+def judge_condensed(
+    condensed: Condensed, kind: str, names: tuple[str, ...], rule: RankRule | None = None
+) -> Identifiability:
+    """Return which parameters condensed rows of a kind can tell; see `find_identifiability`."""
     rule = rule or RankRule()
-    _check_rows(rows)
-    spectrum = find_spectrum(rows.matrix, rule.zero)
+    _check_rows(condensed, kind)
+    # The triangles have the singular values of all rows.
+    spectrum = find_spectrum(condensed.factors[:, :, :-1].reshape(-1, condensed.parameters), rule.zero)
     seen = spectrum.singular > rule.singular * spectrum.singular[0]
     hidden = spectrum.directions[~seen]
     share = np.sum(hidden**2, axis=0)
     learnable = (share <= rule.share) & (spectrum.lengths > 0.0)
     refused = tuple(
-        (name, _explain(index, rows, spectrum, hidden, rule))
-        for index, name in enumerate(rows.names)
+        (name, _explain(index, names, spectrum, hidden, rule))
+        for index, name in enumerate(names)
         if not learnable[index]
     )
     if not learnable.any():
@@ -137,17 +147,17 @@ def find_identifiability(rows: Rows, rule: RankRule | None = None) -> Identifiab
     )
 
 
-def _check_rows(rows: Rows) -> None:
-    count, parameters = rows.matrix.shape
-    if not np.any(rows.matrix):
+def _check_rows(condensed: Condensed, kind: str) -> None:
+    count, parameters = int(condensed.counts.sum()), condensed.parameters
+    if not np.any(condensed.factors[:, :, :-1]):
         raise IdentifiabilityError(_say_nothing(()))
     if count <= parameters:
         text = (
-            f"{count} {rows.kind} rows cannot determine {parameters} parameters and their scatter: "
+            f"{count} {kind} rows cannot determine {parameters} parameters and their scatter: "
             "use a longer log, a shorter window, less decimation, or torque rows"
         )
         raise IdentifiabilityError(Notice(code="identify.too-few-rows", text=text))
-    if not np.any(rows.values):
+    if not np.any(condensed.factors[:, :, -1]):
         text = "the measured torque is zero throughout: check the torque column of the log and its factor"
         raise IdentifiabilityError(Notice(code="identify.no-torque", text=text))
 
@@ -158,14 +168,16 @@ def _say_nothing(refused: tuple[tuple[str, str], ...]) -> Notice:
     return Notice(code="identify.nothing", text=f"{text}: record a log in which the joints move")
 
 
-def _explain(index: int, rows: Rows, spectrum: ScaledSpectrum, hidden: FloatArray, rule: RankRule) -> str:
+def _explain(
+    index: int, names: tuple[str, ...], spectrum: ScaledSpectrum, hidden: FloatArray, rule: RankRule
+) -> str:
     """Return why parameter `index` cannot be learnt."""
     if spectrum.lengths[index] == 0.0:
         return "it does not act on any measured torque in this log"
     # The projector on the unseen directions: its entries say which parameters trade against this one.
     partners = np.abs(hidden.T @ hidden[:, index])
     partners[index] = 0.0
-    others = [rows.names[k] for k in np.argsort(-partners, kind="stable") if partners[k] ** 2 > rule.share]
+    others = [names[k] for k in np.argsort(-partners, kind="stable") if partners[k] ** 2 > rule.share]
     shown = ", ".join(others[:4]) + (f" and {len(others) - 4} more" if len(others) > 4 else "")
     return f"it acts only together with {shown}, in a fixed proportion throughout this log"
 

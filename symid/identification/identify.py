@@ -4,38 +4,62 @@ Input: a library of generated robot functions, recordings, settings. Output: `Es
 
     Recording -> Signals -> Rows -> Identifiability -> Fit -> Estimate
 
-Supported: several recordings at once; torque, momentum and energy rows; OLS and WLS.
+Supported: several recordings at once, of unequal weight; all kinds of rows with all estimators.
 Not supported: recordings with delays or zero offsets of their own.
 """
 
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from typing import NamedTuple
 
 import numpy as np
 
 from symid.codegen.functions import ParameterCard
 from symid.codegen.library import Library
 from symid.data.recording import Recording
-from symid.data.signals import settle_processing
 from symid.errors import Notice, UsageError
+from symid.identification.cutoff import choose_filters
 from symid.identification.doubts import (
-    warn_of_choice,
     warn_of_mass_matrix,
     warn_of_pattern,
     warn_of_processing,
 )
+from symid.identification.drift import warn_of_drift
 from symid.identification.estimate import Estimate, Outcome, ParameterEstimate
+from symid.identification.estimators import ESTIMATORS, EstimatorOptions, fit_rows
 from symid.identification.identifiability import Identifiability, RankRule, find_identifiability
 from symid.identification.preparation import prepare_rows
-from symid.identification.regression import ESTIMATORS, Fit
+from symid.identification.regression import Fit
 from symid.identification.rows import ROW_KINDS, WINDOW, Rows, stack_rows
 from symid.identification.statistics import find_residuals
+from symid.identification.structure import warn_of_structure
 from symid.robot.log_map import Processing
 
 __all__ = ["identify_parameters"]
 
 _VAGUE_PERCENT = 30.0
+
+
+class _RowOptions(NamedTuple):
+    """Kind of rows, with length in s and overlap of their windows."""
+
+    kind: str
+    window: float
+    overlap: float
+
+    def prepare(self, library: Library, recording: Recording, processing: Processing) -> Rows:
+        """Return the equations of a recording."""
+        return prepare_rows(
+            self.kind, library, recording, processing, window=self.window, overlap=self.overlap
+        )
+
+    def tell(self) -> dict[str, object]:
+        """Return what a result says of the windows."""
+        if self.kind in {"torque", "power"}:
+            return {}
+        shared: dict[str, object] = {"overlap": self.overlap} if self.overlap else {}
+        return {"window": self.window, **shared}
 
 
 def identify_parameters(
@@ -46,19 +70,25 @@ def identify_parameters(
     rows: str = "torque",
     estimator: str = "ols",
     window: float = WINDOW,
+    overlap: float = 0.0,
     rule: RankRule | None = None,
+    options: EstimatorOptions | None = None,
+    weights: Sequence[float] | None = None,
     echo: Mapping[str, object] | None = None,
 ) -> Estimate:
     """Return the parameters of the library's model that explain the recordings best.
 
     Args:
         library: the robot's functions; its model card names the parameters.
-        recordings: at least one, all of the same robot.
-        processing: filter, cut ends and decimation, the same for all of them.
+        recordings: at least one, all of one robot.
+        processing: filter, cut ends and decimation.
         rows: one of `ROW_KINDS`.
         estimator: one of `ESTIMATORS`.
-        window: length of the windows of momentum and energy rows in s.
+        window: length of the windows of momentum, filtered and energy rows in s.
+        overlap: part of a window that the next one shares, of momentum and energy rows.
         rule: when a parameter counts as not seen.
+        options: of the estimator.
+        weights: what the squares of each recording's residuals count for; one if None.
         echo: further settings to keep with the result, such as the log's columns.
 
     Raises:
@@ -67,19 +97,13 @@ def identify_parameters(
         IdentifiabilityError: nothing can be learnt.
     """
     _check_call(recordings, rows, estimator)
-    chosen = warn_of_choice(processing, recordings)
-    processing = settle_processing(processing, recordings[0].period)
-    parts = [prepare_rows(rows, library, recording, processing, window=window) for recording in recordings]
-    stacked = stack_rows(parts)
+    filters = choose_filters(processing, recordings)
+    how = _RowOptions(kind=rows, window=window, overlap=overlap)
+    stacked = stack_rows([how.prepare(library, entry, filters.processing) for entry in recordings], weights)
     seen = find_identifiability(stacked, rule)
-    fit = ESTIMATORS[estimator](stacked, seen, processing.noise_freedom)
-    doubts = (
-        *warn_of_processing(processing, recordings),
-        *warn_of_pattern(stacked, fit, seen, weighted=estimator == "wls"),
-        *(() if seen.refused else warn_of_mass_matrix(library, fit.values, recordings)),
-    )
+    fit = fit_rows(estimator, stacked, seen, filters.processing.noise_freedom, options)
     parameters = _list_parameters(library.card.beta + library.card.friction, fit, seen)
-    window_used = {} if rows == "torque" else {"window": window}
+    notices = (*filters.notices, *stacked.notices, *seen.notices, *fit.notices, *_warn_of_vague(parameters))
     return Estimate(
         robot=library.card.robot,
         signature=library.card.signature,
@@ -92,12 +116,39 @@ def identify_parameters(
         outcome=Outcome.SOME_REFUSED if seen.refused else Outcome.SOLVED,
         samples=len(stacked.values),
         sources=tuple(recording.source for recording in recordings),
-        settings=_echo({**(echo or {}), "processing": asdict(processing), **window_used}),
+        settings=_echo({**(echo or {}), **_tell(fit, weights, filters.processing), **how.tell()}),
         refused=seen.refused,
         unresolved=_list_unresolved(stacked, fit, seen),
         covariance=_cut_covariance(fit, seen),
-        notices=(*chosen, *stacked.notices, *seen.notices, *_warn_of_vague(parameters), *doubts),
+        notices=notices + _find_doubts(library, recordings, filters.processing, stacked, fit=fit, seen=seen),
     )
+
+
+def _find_doubts(
+    library: Library,
+    recordings: Sequence[Recording],
+    processing: Processing,
+    rows: Rows,
+    *,
+    fit: Fit,
+    seen: Identifiability,
+) -> tuple[Notice, ...]:
+    """Return what speaks against the fit."""
+    pattern = warn_of_pattern(rows, fit, seen)
+    return (
+        *warn_of_processing(processing, recordings),
+        *pattern,
+        *(warn_of_structure(fit.values, library, recordings, processing) if pattern else ()),
+        *warn_of_drift(rows, fit, [recording.source for recording in recordings]),
+        *(() if seen.refused else warn_of_mass_matrix(library, fit.values, recordings)),
+    )
+
+
+def _tell(fit: Fit, weights: Sequence[float] | None, processing: Processing) -> Mapping[str, object]:
+    """Return the processing, what the estimator chose or paid, and the weights of the recordings, if any."""
+    told: dict[str, object] = {"processing": asdict(processing)}
+    told |= {"fit": dict(fit.report)} if fit.report else {}
+    return told if weights is None else {**told, "weights": list(weights)}
 
 
 def _echo(settings: Mapping[str, object]) -> Mapping[str, object]:

@@ -14,14 +14,20 @@ from symid.data.recording import Recording
 from symid.data.signals import prepare_signals, settle_processing
 from symid.errors import IdentifiabilityError, LogError, Notice
 from symid.identification.identifiability import find_resting_joints, settle_joints
-from symid.identification.rows import Rows, build_rows, drop_groups, select_rows
+from symid.identification.rows import SCALAR_KINDS, Rows, build_rows, drop_groups, select_rows
 from symid.robot.log_map import Processing
 
 __all__ = ["prepare_rows"]
 
 
 def prepare_rows(
-    kind: str, library: Library, recording: Recording, processing: Processing, *, window: float
+    kind: str,
+    library: Library,
+    recording: Recording,
+    processing: Processing,
+    *,
+    window: float,
+    overlap: float = 0.0,
 ) -> Rows:
     """Return the equations of one recording: filter, differentiate, settle resting joints, build.
 
@@ -36,8 +42,8 @@ def prepare_rows(
     if len(resting) == library.card.size:
         raise IdentifiabilityError(_say_standstill(recording))
     signals = settle_joints(prepare_signals(recording, processing), resting)
-    rows = build_rows(kind, library, signals, processing, window=window)
-    if kind == "energy":
+    rows = build_rows(kind, library, signals, processing, window=window, overlap=overlap)
+    if kind in SCALAR_KINDS:
         return rows
     rows = _leave_out_slow(rows, recording, processing.standstill)
     joints = library.card.joints

@@ -3,40 +3,46 @@
 Input: rows and what they can tell. Output: `Fit`.
 
     ols   min |A x - y|^2
-    wls   min sum_j |A_j x - y_j|^2 / sigma_j^2, sigma_j = |e_j| / sqrt(m_j - p) from the residuals e of ols
+    wls   min sum_j |A_j x - y_j|^2 / sigma_j^2, sigma_j = |e_j| / sqrt(m_j - p) from its own residuals e
 
 By QR of A B, where the columns of B are the directions that the rows see, scaled so that the
 columns of A have length one. The covariance is s^2 (A'A)^-1 with s^2 = |e|^2 / (b m - p) of the
 weighted rows, b the part of them that is independent behind the decimation filter. The noise of
-an energy row grows with the speed in its window, so there the covariance is the one that holds
-for unequal noise.
+an energy or power row grows with the speed in its window, so there the covariance is the one that
+holds for unequal noise.
 
-Supported: rank-deficient rows: directions that are not seen stay at zero.
-Not supported: robust losses, priors, constraints.
+Supported: rank-deficient rows: directions that are not seen stay at zero; runs that count more than others.
+Not supported: robust losses, priors, constraints: see `estimators`.
 """
 
-from dataclasses import dataclass
-from typing import Protocol
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from symid.arrays import FloatArray, freeze
-from symid.identification.identifiability import Identifiability, find_spectrum
-from symid.identification.rows import Rows
-from symid.identification.statistics import find_covariance, find_group_scatter, find_robust_covariance
+from symid.errors import Notice
+from symid.identification.condensation import condense_rows, solve_condensed
+from symid.identification.condensed_fit import find_weights
+from symid.identification.identifiability import Identifiability
+from symid.identification.rows import SCALAR_KINDS, Rows
+from symid.identification.statistics import find_robust_covariance
 
-__all__ = ["ESTIMATORS", "Estimator", "Fit", "fit_ols", "fit_wls"]
+__all__ = ["Fit", "find_group_weights", "fit_ols", "fit_weighted", "fit_wls"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fit:
-    """A least-squares fit.
+    """A fit of parameters to rows.
 
     Args:
         values: (p,) parameters; covariance: (p, p).
         residuals: (m,) y - A x, in the rows' units, whatever the weights.
         spent: degrees of freedom taken from the rows for the noise.
         condition: of the column-scaled matrix, weighted where the fit is.
+        weights: (m,) what the rows were multiplied by; ones if empty.
+        notices: what a reader of the result should know of the fit.
+        report: what the estimator chose or paid, by name; plain numbers, texts and lists.
     """
 
     values: FloatArray
@@ -44,10 +50,15 @@ class Fit:
     residuals: FloatArray
     spent: int
     condition: float
+    weights: FloatArray = field(default_factory=lambda: np.empty(0))
+    notices: tuple[Notice, ...] = ()
+    report: Mapping[str, object] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Copy the arrays and make them read-only."""
-        for name in ("values", "covariance", "residuals"):
+        if len(self.weights) != len(self.residuals):
+            object.__setattr__(self, "weights", np.ones(len(self.residuals)))
+        for name in ("values", "covariance", "residuals", "weights"):
             object.__setattr__(self, name, freeze(getattr(self, name)))
 
 
@@ -59,51 +70,42 @@ def fit_ols(rows: Rows, seen: Identifiability, freedom: str = "band") -> Fit:
         seen: what they can tell.
         freedom: how the variance of the noise is estimated, see `Processing.noise_freedom`.
     """
-    return _fit_weighted(rows, seen, np.ones(len(rows.values)), freedom)
+    return fit_weighted(rows, seen, np.ones(len(rows.group_names)), freedom)
 
 
 def fit_wls(rows: Rows, seen: Identifiability, freedom: str = "band") -> Fit:
-    """Return the fit with rows weighted by the inverse scatter of their joint, iterated once.
+    """Return the fit with rows weighted by the inverse scatter of their joint, until that settles.
 
     Arguments as for `fit_ols`.
     """
-    first = fit_ols(rows, seen, freedom)
-    scatter = find_group_scatter(rows, first.residuals, first.spent)
-    # A joint that is explained to the last bit must not outweigh all others by 1e16.
-    floor = 1e-9 * np.linalg.norm(rows.values) / np.sqrt(len(rows.values))
-    weights = 1.0 / np.maximum(scatter, floor)
-    return _fit_weighted(rows, seen, weights[rows.group], freedom)
+    return fit_weighted(rows, seen, find_group_weights(rows, seen, freedom), freedom)
 
 
-def _fit_weighted(rows: Rows, seen: Identifiability, weights: FloatArray, freedom: str) -> Fit:
-    matrix = rows.matrix * weights[:, None]
-    # Columns: the regressor in the directions seen, then the right-hand side.
-    stacked = np.column_stack([matrix @ seen.basis, rows.values * weights])
-    factor: FloatArray = np.asarray(np.linalg.qr(stacked, mode="r"))
-    count = int(seen.basis.shape[1])
-    left, singular, right = np.linalg.svd(factor[:count, :count])
-    inner = right.T @ ((left.T @ factor[:count, count]) / singular)
-    values: FloatArray = seen.basis @ inner
-    residuals = rows.values - rows.matrix @ values
-    weighted, used = residuals * weights, 1 if freedom == "one" else count
+def find_group_weights(rows: Rows, seen: Identifiability, freedom: str = "band") -> FloatArray:
+    """Return the weights (g,) of `fit_wls`, the inverse scatter of every group's residuals."""
+    used = 1 if freedom == "one" else int(seen.basis.shape[1])
+    return find_weights(condense_rows(rows), seen.basis, used)
+
+
+def fit_weighted(rows: Rows, seen: Identifiability, weights: FloatArray, freedom: str = "band") -> Fit:
+    """Return the fit of `rows` with the residuals of group g multiplied by weights[g]; else as `fit_ols`."""
+    found = solve_condensed(condense_rows(rows), seen.basis, weights)
+    residuals = rows.values - rows.matrix @ found.values
+    factors = weights[rows.group] * np.sqrt(rows.weight)
+    weighted = residuals * factors
+    used = 1 if freedom == "one" else int(seen.basis.shape[1])
     independent = rows.independent if freedom == "band" else 1.0
-    spectrum = find_spectrum(matrix[:, seen.basis.any(axis=1)]).singular
+    if rows.kind in SCALAR_KINDS:
+        design = (rows.matrix * factors[:, None]) @ seen.basis
+        covariance = find_robust_covariance(seen.basis, design, weighted) / independent
+    else:
+        variance = float(weighted @ weighted) / (independent * len(weighted) - used)
+        covariance = variance * (found.root @ found.root.T)
     return Fit(
-        values=values,
-        covariance=find_robust_covariance(seen.basis, stacked[:, :count], weighted)
-        if rows.kind == "energy"
-        else find_covariance(seen.basis, stacked[:, :count], weighted, independent * len(weighted) - used),
+        values=found.values,
+        covariance=covariance,
         residuals=residuals,
         spent=used,
-        condition=float(spectrum[0] / spectrum[count - 1]),
+        condition=found.condition,
+        weights=factors,
     )
-
-
-class Estimator(Protocol):
-    """How equations become parameters."""
-
-    def __call__(self, rows: Rows, seen: Identifiability, freedom: str = "band") -> Fit:
-        """Return the fit of `rows`."""
-
-
-ESTIMATORS: dict[str, Estimator] = {"ols": fit_ols, "wls": fit_wls}

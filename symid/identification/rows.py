@@ -5,17 +5,20 @@ Output: `Rows`, a matrix A and values y with A x = y + noise, x = [beta; f].
 
     torque    [Y | Yf] x = tau                        every sample of every joint
     momentum  [Yp(tb) - Yp(ta) - int YL | int Yf] x = int tau       every window of every joint
+    filtered  the same behind a low-pass of first order     one a window of every joint
+    power     [dh/dt | dq' Yf] x = tau' dq            every sample
     energy    [h(tb) - h(ta) | int dq' Yf] x = int tau' dq          every window
 
-Momentum is the Lagrangian form d(dT/ddq)/dt - dL/dq = tau integrated once; energy is the
-theorem of Gautier and Khalil (1988), h = hT + hV. Neither asks for accelerations.
+Momentum is the Lagrangian form d(dT/ddq)/dt - dL/dq = tau integrated once; filtered is that of Slotine and Li
+(1987); energy is the theorem of Gautier and Khalil (1988), h = hT + hV, and power its rate (Gautier 1997).
+Only torque rows ask for accelerations. `row_parts` has the equations.
 
 Supported: rigid robots, with friction that is linear in its parameters.
 Not supported: elastic joints.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,15 +26,21 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray, freeze
 from symid.codegen.functions import ModelCard
 from symid.codegen.library import Library
-from symid.data.filters import find_noise_band
 from symid.data.recording import Signals
-from symid.data.signals import decimate_columns
 from symid.errors import Notice, UsageError
-from symid.identification.quadrature import find_windows, integrate_windows
+from symid.identification.row_parts import (
+    Part,
+    build_energy_part,
+    build_filtered_part,
+    build_momentum_part,
+    build_power_part,
+    build_torque_part,
+)
 from symid.robot.log_map import Processing
 
 __all__ = [
     "ROW_KINDS",
+    "SCALAR_KINDS",
     "WINDOW",
     "Rows",
     "build_rows",
@@ -41,19 +50,26 @@ __all__ = [
     "warn_of_energy",
 ]
 
-ROW_KINDS = ("torque", "momentum", "energy")
+ROW_KINDS = ("torque", "momentum", "filtered", "power", "energy")
+SCALAR_KINDS = {"power": "W", "energy": "J"}
+"""Kinds with one equation for all joints together, and its unit."""
 WINDOW = 0.1
 """Length of a window in s, unless another is asked for."""
 
 _ENERGY_LIMIT = 3
+_MOST_SHARED = 0.95
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+def _make_empty() -> NDArray[np.intp]:
+    return np.empty(0, dtype=np.intp)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, weakref_slot=True)
 class Rows:
     """Equations `matrix @ x = values`, ordered group by group.
 
     Args:
-        kind: "torque", "momentum" or "energy".
+        kind: one of `ROW_KINDS`.
         matrix: (m, p); values: (m,), in the unit of the row's group.
         group: (m,) index of the joint, 0 throughout for scalar equations.
         time: (m,) s, of the sample or the middle of the window.
@@ -61,6 +77,8 @@ class Rows:
         names, units: of the p parameters.
         group_names, group_units, velocity_units: of the groups.
         independent: rows of independent noise that the rows are worth, as a fraction of them.
+        run: (m,) which recording of the fit a row is of, from zero.
+        weight: (m,) what the square of a row's residual counts for; one unless runs were weighed.
     """
 
     kind: str
@@ -76,18 +94,32 @@ class Rows:
     velocity_units: tuple[str, ...]
     independent: float = 1.0
     notices: tuple[Notice, ...] = ()
+    run: NDArray[np.intp] = field(default_factory=_make_empty)
+    weight: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("matrix", "values", "time", "velocity"):
+        """Copy the arrays and make them read-only; rows without a run are of the first, and weigh one."""
+        count = len(self.values)
+        if len(self.weight) != count:
+            object.__setattr__(self, "weight", np.ones(count))
+        if len(self.run) != count:
+            object.__setattr__(self, "run", np.zeros(count, dtype=np.intp))
+        for name in ("matrix", "values", "time", "velocity", "weight"):
             object.__setattr__(self, name, freeze(getattr(self, name)))
-        group = np.array(self.group, dtype=np.intp)
-        group.setflags(write=False)
-        object.__setattr__(self, "group", group)
+        for name in ("group", "run"):
+            places = np.array(getattr(self, name), dtype=np.intp)
+            places.setflags(write=False)
+            object.__setattr__(self, name, places)
 
 
 def build_rows(
-    kind: str, library: Library, signals: Signals, processing: Processing, *, window: float = WINDOW
+    kind: str,
+    library: Library,
+    signals: Signals,
+    processing: Processing,
+    *,
+    window: float = WINDOW,
+    overlap: float = 0.0,
 ) -> Rows:
     """Return the equations of one recording.
 
@@ -96,144 +128,67 @@ def build_rows(
         library: the functions of the robot.
         signals: filtered states and torques at full rate.
         processing: its decimation is applied alike to every column and to the torque of torque
-            rows; the integrals of the other kinds thin out by themselves.
-        window: length of the windows in s, for momentum and energy.
+            and power rows; the integrals of the other kinds thin out by themselves.
+        window: length of the windows in s, for momentum, filtered and energy.
+        overlap: part of a window that the next one shares, of momentum and energy; the nearest of
+            0, 1/2, 2/3, 3/4 and so on is taken.
 
     Raises:
-        UsageError: there is no such kind, or the windows do not fit into the log.
+        UsageError: there is no such kind, the windows do not fit into the log, or the overlap is no part.
     """
-    match kind:
-        case "torque":
-            return _build_torque(library, signals, processing)
-        case "momentum":
-            return _build_momentum(library, signals, window)
-        case "energy":
-            return _build_energy(library, signals, window)
-    text = f"rows {kind!r}: there is no such kind; allowed are {', '.join(ROW_KINDS)}"
-    raise UsageError(Notice(code="usage.unknown-rows", text=text))
+    if kind not in ROW_KINDS:
+        text = f"rows {kind!r}: there is no such kind; allowed are {', '.join(ROW_KINDS)}"
+        raise UsageError(Notice(code="usage.unknown-rows", text=text))
+    pieces = _find_pieces(overlap)
+    builders = {
+        "torque": lambda: build_torque_part(library, signals, processing),
+        "momentum": lambda: build_momentum_part(library, signals, window, pieces),
+        "filtered": lambda: build_filtered_part(library, signals, window),
+        "power": lambda: build_power_part(library, signals, processing),
+        "energy": lambda: build_energy_part(library, signals, window, pieces),
+    }
+    return _assemble(kind, library.card, builders[kind]())
 
 
-def _build_torque(library: Library, signals: Signals, processing: Processing) -> Rows:
-    decimation = processing.decimation
-    regressor = _evaluate_columns(library, signals)
-    parts = []
-    for j in range(library.card.size):
-        extra = np.column_stack([signals.tau[:, j], signals.dq[:, j]])
-        parts.append(decimate_columns(np.hstack([regressor[:, j], extra]), decimation))
-    time = _find_kept_times(signals.time, len(parts[0]), decimation.factor)
-    return _assemble(
-        "torque",
-        library.card,
-        matrix=np.vstack([part[:, :-2] for part in parts]),
-        values=np.concatenate([part[:, -2] for part in parts]),
-        time=np.tile(time, len(parts)),
-        velocity=np.concatenate([part[:, -1] for part in parts]),
-        independent=find_noise_band(processing, signals.period),
-    )
+def _find_pieces(overlap: float) -> int:
+    """Return how many windows begin within the length of one."""
+    if not 0.0 <= overlap <= _MOST_SHARED:
+        text = f"overlap {overlap:g}: must be a part of a window, from 0 to {_MOST_SHARED:g}"
+        raise UsageError(Notice(code="usage.overlap", text=text))
+    return max(1, round(1.0 / (1.0 - overlap)))
 
 
-def _evaluate_columns(library: Library, signals: Signals) -> FloatArray:
-    """Return [Y | Yf] at every sample: (N, n, p)."""
-    (rigid,) = library.evaluate("torque_regressor", signals.q, signals.dq, signals.ddq)
-    if not library.card.friction:
-        return rigid
-    (friction,) = library.evaluate("friction_regressor", signals.dq)
-    return np.concatenate([rigid, friction], axis=2)
-
-
-def _find_kept_times(time: FloatArray, kept: int, factor: int) -> FloatArray:
-    """Return the times of the samples that a decimation by `factor` keeps: the last is among them."""
-    first = len(time) - 1 - factor * (kept - 1)
-    return time[first::factor]
-
-
-def _build_momentum(library: Library, signals: Signals, length: float) -> Rows:
-    windows = find_windows(len(signals.time), signals.period, length)
-    ends = windows.ends
-    (momentum,) = library.evaluate("momentum_regressor", signals.q[ends], signals.dq[ends])
-    (lagrange,) = library.evaluate("lagrange_regressor", signals.q, signals.dq)
-    columns = [np.diff(momentum, axis=0) - integrate_windows(lagrange, windows)]
-    if library.card.friction:
-        (friction,) = library.evaluate("friction_regressor", signals.dq)
-        columns.append(integrate_windows(friction, windows))
-    matrix = np.concatenate(columns, axis=2)
-    span = windows.intervals * windows.period
-    return _assemble(
-        "momentum",
-        library.card,
-        matrix=_order_by_joint(matrix),
-        values=integrate_windows(signals.tau, windows).T.ravel(),
-        time=np.tile(_find_centres(signals.time[ends]), library.card.size),
-        velocity=integrate_windows(signals.dq, windows).T.ravel() / span,
-    )
-
-
-def _build_energy(library: Library, signals: Signals, length: float) -> Rows:
-    windows = find_windows(len(signals.time), signals.period, length)
-    ends = windows.ends
-    kinetic, potential = library.evaluate("energy_regressor", signals.q[ends], signals.dq[ends])
-    columns = [np.diff(kinetic + potential, axis=0)]
-    if library.card.friction:
-        (friction,) = library.evaluate("friction_regressor", signals.dq)
-        columns.append(integrate_windows(np.einsum("ij,ijk->ik", signals.dq, friction), windows))
-    power = np.einsum("ij,ij->i", signals.tau, signals.dq)
-    return _assemble(
-        "energy",
-        library.card,
-        matrix=np.hstack(columns),
-        values=integrate_windows(power, windows),
-        time=_find_centres(signals.time[ends]),
-        velocity=np.zeros(windows.count),
-    )
-
-
-def _find_centres(ends: FloatArray) -> FloatArray:
-    return (ends[1:] + ends[:-1]) / 2.0
-
-
-def _order_by_joint(matrix: FloatArray) -> FloatArray:
-    """Return (N, n, p) as (n N, p), the rows of joint 1 first."""
-    return np.swapaxes(matrix, 0, 1).reshape(-1, matrix.shape[2])
-
-
-def _assemble(
-    kind: str,
-    card: ModelCard,
-    *,
-    matrix: FloatArray,
-    values: FloatArray,
-    time: FloatArray,
-    velocity: FloatArray,
-    independent: float = 1.0,
-) -> Rows:
+def _assemble(kind: str, card: ModelCard, part: Part) -> Rows:
     parameters = card.beta + card.friction
-    scalar = kind == "energy"
+    scalar = kind in SCALAR_KINDS
     joints = () if scalar else card.joints
-    factor = {"torque": "", "momentum": " s"}.get(kind, "")
-    groups = max(1, len(joints))
+    groups = part.values.shape[1]
+    factor = " s" if kind == "momentum" else ""
     return Rows(
         kind=kind,
-        matrix=matrix,
-        values=values,
-        group=np.repeat(np.arange(groups), len(values) // groups),
-        time=time,
-        velocity=velocity,
+        matrix=np.swapaxes(part.matrix, 0, 1).reshape(-1, part.matrix.shape[2]),
+        values=part.values.T.ravel(),
+        group=np.repeat(np.arange(groups), len(part.values)),
+        time=np.tile(part.time, groups),
+        velocity=part.velocity.T.ravel(),
         names=tuple(parameter.name for parameter in parameters),
         units=tuple(parameter.unit for parameter in parameters),
         group_names=("all joints",) if scalar else tuple(joint.name for joint in joints),
-        group_units=("J",) if scalar else tuple(joint.torque_unit + factor for joint in joints),
-        independent=independent,
+        group_units=(SCALAR_KINDS[kind],)
+        if scalar
+        else tuple(joint.torque_unit + factor for joint in joints),
         velocity_units=("",) if scalar else tuple(f"{joint.position_unit}/s" for joint in joints),
-        notices=warn_of_energy(card.size) if scalar else (),
+        independent=part.independent,
+        notices=warn_of_energy(card.size, kind) if scalar else (),
     )
 
 
-def warn_of_energy(joints: int) -> tuple[Notice, ...]:
-    """Return the warning that energy rows of so many joints deserve."""
+def warn_of_energy(joints: int, kind: str = "energy") -> tuple[Notice, ...]:
+    """Return the warning that energy or power rows of so many joints deserve."""
     if joints <= _ENERGY_LIMIT:
         return ()
     text = (
-        f"energy rows for {joints} joints: one scalar equation a window adds up what every joint does, so "
+        f"{kind} rows for {joints} joints: one scalar equation at a time adds up what every joint does, so "
         "that small parameters of the last links drown in the work of the first ones and the "
         f"matrix is nearly rank deficient beyond {_ENERGY_LIMIT} joints; torque or momentum rows "
         "keep the joints apart"
@@ -241,9 +196,17 @@ def warn_of_energy(joints: int) -> tuple[Notice, ...]:
     return (Notice(code="identify.energy-rank", text=text),)
 
 
-def stack_rows(parts: Sequence[Rows]) -> Rows:
-    """Return the equations of several recordings of one robot as one set, group by group."""
+def stack_rows(parts: Sequence[Rows], weights: Sequence[float] | None = None) -> Rows:
+    """Return the equations of several recordings of one robot as one set, group by group.
+
+    Args:
+        parts: the equations of each recording.
+        weights: what the squares of each recording's residuals count for, positive; one if None.
+    """
     first = parts[0]
+    sizes = [len(part.values) for part in parts]
+    run = np.repeat(np.arange(len(parts)), sizes)
+    weight = np.repeat(np.ones(len(parts)) if weights is None else np.asarray(weights, dtype=float), sizes)
     group = np.concatenate([part.group for part in parts])
     order = np.argsort(group, kind="stable")
     notices = tuple(dict.fromkeys(notice for part in parts for notice in part.notices))
@@ -256,6 +219,8 @@ def stack_rows(parts: Sequence[Rows]) -> Rows:
         independent=sum(part.independent * len(part.values) for part in parts) / len(group),
         velocity=np.concatenate([part.velocity for part in parts])[order],
         notices=notices,
+        run=run[order],
+        weight=weight[order],
     )
 
 
@@ -273,4 +238,6 @@ def select_rows(rows: Rows, keep: NDArray[np.bool_]) -> Rows:
         group=rows.group[keep],
         time=rows.time[keep],
         velocity=rows.velocity[keep],
+        run=rows.run[keep],
+        weight=rows.weight[keep],
     )

@@ -14,7 +14,6 @@ from symid.identification.estimate import Residual
 from symid.identification.rows import Rows
 
 __all__ = [
-    "find_covariance",
     "find_group_scatter",
     "find_inverse_root",
     "find_residuals",
@@ -22,26 +21,16 @@ __all__ = [
 ]
 
 
-def find_covariance(basis: FloatArray, design: FloatArray, errors: FloatArray, freedom: float) -> FloatArray:
-    """Return s^2 B (F'F)^-1 B' with s^2 = |e|^2 / freedom, the covariance of x = B z: (p, p).
-
-    Args:
-        basis: B (p, r).
-        design: F = A B (m, r), of full column rank.
-        errors: e (m,), all of one variance.
-        freedom: rows of independent noise less what the fit took; m - r for white noise.
-    """
-    variance = float(errors @ errors) / freedom
-    root = basis @ find_inverse_root(design)
-    covariance: FloatArray = variance * (root @ root.T)
-    return covariance
-
-
 def find_robust_covariance(basis: FloatArray, design: FloatArray, errors: FloatArray) -> FloatArray:
     """Return the covariance of x = B z where every row has a variance of its own: (p, p).
 
     B (F'F)^-1 F' diag(e_i^2 / (1 - h_i)^2) F (F'F)^-1 B', h_i the leverage of row i: the
-    estimator HC3 of MacKinnon and White (1985). Arguments as for `find_covariance`.
+    estimator HC3 of MacKinnon and White (1985).
+
+    Args:
+        basis: B (p, r).
+        design: F = A B (m, r), of full column rank.
+        errors: e (m,).
     """
     root = find_inverse_root(design)
     orthonormal = design @ root

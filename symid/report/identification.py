@@ -12,10 +12,12 @@ from pathlib import Path
 
 from symid import __version__
 from symid.errors import Notice
+from symid.identification.diagnosis import Diagnosis
 from symid.identification.estimate import Estimate, Series, Validation
 from symid.identification.storage import write_file
 from symid.report.bars import build_histogram
 from symid.report.figures import build_line_figure
+from symid.report.identification_diagnosis import DiagnosisSection, build_diagnosis
 from symid.report.lines import Line
 from symid.report.tables import ParameterLine, ResidualLine, list_settings, write_parameter, write_residual
 from symid.report.templates import write_page
@@ -65,6 +67,7 @@ class ReportPage:
     refused: tuple[tuple[str, str], ...]
     fit_residual: tuple[ResidualLine, ...]
     logs: tuple[LogSection, ...]
+    diagnosis: DiagnosisSection | None
     settings: tuple[tuple[str, str], ...]
     notices: tuple[str, ...]
     origin: tuple[str, ...]
@@ -76,16 +79,19 @@ def write_report(
     validations: tuple[Validation, ...] = (),
     notices: tuple[Notice, ...] = (),
     origin: tuple[str, ...] = (),
+    *,
+    diagnosis: Diagnosis | None = None,
 ) -> Path:
     """Write the page to `path`, at once or not at all, and return the path.
 
     `notices` are what else a reader should know: of the robot, its library, and the recordings;
-    `origin` says in short texts what the page was made from.
+    `origin` says in short texts what the page was made from; `diagnosis` is of the fit and its own logs.
 
     Raises:
         OutputError: the file cannot be written.
     """
-    return write_file(path, write_page(_TEMPLATE, build_report(estimate, validations, notices, origin)))
+    page = build_report(estimate, validations, notices, origin, diagnosis=diagnosis)
+    return write_file(path, write_page(_TEMPLATE, page))
 
 
 def build_report(
@@ -93,6 +99,8 @@ def build_report(
     validations: tuple[Validation, ...] = (),
     notices: tuple[Notice, ...] = (),
     origin: tuple[str, ...] = (),
+    *,
+    diagnosis: Diagnosis | None = None,
 ) -> ReportPage:
     """Return all that the page shows."""
     told = (
@@ -108,6 +116,7 @@ def build_report(
         refused=estimate.refused,
         fit_residual=tuple(map(write_residual, estimate.residual)),
         logs=tuple(map(_write_log, validations)),
+        diagnosis=None if diagnosis is None else build_diagnosis(estimate, diagnosis),
         settings=_write_settings(estimate),
         notices=tuple(dict.fromkeys(map(str, told))),
         origin=(f"Written by symid {__version__}", *origin),

@@ -23,7 +23,7 @@ from symid.codegen.library import Library
 from symid.codegen.plant_orders import PlantLog, PlantOrder, PlantRobot
 from symid.data.recording import Recording
 from symid.errors import Notice, SolverError, UsageError
-from symid.excitation.trajectories import Trajectory
+from symid.excitation.motion import Motion
 from symid.robot.description import Robot
 from symid.simulation.elastic_options import ElasticExperimentOptions, MotorReference
 from symid.simulation.elastic_plant import PlantRun, find_substeps, simulate_plant
@@ -75,7 +75,7 @@ class _Hold:
 def simulate_elastic(
     robot: Robot,
     library: Library,
-    trajectory: Trajectory,
+    trajectory: Motion,
     options: ElasticExperimentOptions,
     rng: np.random.Generator,
     *,
@@ -118,7 +118,7 @@ def simulate_elastic(
 def _prepare(
     robot: Robot,
     library: Library,
-    trajectory: Trajectory,
+    trajectory: Motion,
     options: ElasticExperimentOptions,
     values: ElasticValues | None,
 ) -> _Task:

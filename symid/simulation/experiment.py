@@ -23,7 +23,7 @@ from symid.arrays import FloatArray, freeze
 from symid.codegen.library import Library
 from symid.data.recording import Recording
 from symid.errors import Notice, SolverError, UsageError
-from symid.excitation.trajectories import Trajectory
+from symid.excitation.motion import Motion
 from symid.robot.description import Robot
 from symid.simulation.guards import (
     Timing,
@@ -113,7 +113,7 @@ class _Control:
 def simulate_experiment(
     robot: Robot,
     library: Library,
-    trajectory: Trajectory,
+    trajectory: Motion,
     options: ExperimentOptions,
     rng: np.random.Generator,
 ) -> SimulationRun:
@@ -217,7 +217,7 @@ def _build_control(
     )
 
 
-def _find_timing(trajectory: Trajectory, options: ExperimentOptions) -> Timing:
+def _find_timing(trajectory: Motion, options: ExperimentOptions) -> Timing:
     return Timing(
         duration=trajectory.duration if options.duration is None else options.duration,
         period=options.period,

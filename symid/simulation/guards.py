@@ -13,7 +13,7 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.codegen.library import Library
 from symid.errors import Notice, SolverError, UsageError
-from symid.excitation.trajectories import Trajectory
+from symid.excitation.motion import Motion
 from symid.robot.description import Robot
 
 __all__ = [
@@ -51,7 +51,7 @@ class Timing:
     damping: tuple[float, ...] | None
 
 
-def check_timing(robot: Robot, library: Library, trajectory: Trajectory, timing: Timing) -> None:
+def check_timing(robot: Robot, library: Library, trajectory: Motion, timing: Timing) -> None:
     """Refuse sizes and times that do not fit.
 
     Raises:

@@ -29,8 +29,13 @@ class ClosedForm:
     backend: str = "numpy"
     notices: tuple = ()
 
-    def evaluate(self, name, *inputs):
-        return self.functions[name](*inputs)
+    def evaluate(self, name, *inputs, out=None):
+        found = self.functions[name](*inputs)
+        if out is None:
+            return found
+        for target, values in zip(out, found, strict=True):
+            target[...] = values
+        return tuple(out)
 
 
 def find_friction(dq):

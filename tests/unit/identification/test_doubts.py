@@ -65,12 +65,12 @@ def draw_slow(rng):
     return noise
 
 
-@pytest.mark.parametrize(("fit", "weighted"), [(fit_ols, False), (fit_wls, True)])
-def test_white_noise_is_no_pattern_and_slow_noise_is(fit, weighted):
+@pytest.mark.parametrize("fit", [fit_ols, fit_wls])
+def test_white_noise_is_no_pattern_and_slow_noise_is(fit):
     for errors, codes in ((lambda rng: rng.normal(size=2000), []), (draw_slow, ["identify.pattern"])):
         rows = build_rows(errors)
         seen = find_identifiability(rows)
-        notices = warn_of_pattern(rows, fit(rows, seen), seen, weighted=weighted)
+        notices = warn_of_pattern(rows, fit(rows, seen), seen)
         assert [notice.code for notice in notices] == codes
 
 
@@ -82,7 +82,7 @@ def test_block_deviations_are_honest_for_slow_noise():
         seen = find_identifiability(rows)
         fit = fit_ols(rows, seen)
         values.append(fit.values)
-        blocks.append(find_block_deviations(rows, fit, seen, weighted=False))
+        blocks.append(find_block_deviations(rows, fit, seen))
         stated.append(np.sqrt(np.diag(fit.covariance)))
     spread = np.std(values, axis=0)
     assert np.all(spread > 4.0 * np.mean(stated, axis=0))
@@ -94,7 +94,7 @@ def test_block_deviations_are_honest_for_slow_noise():
 def test_a_fit_to_the_last_bit_raises_no_doubt():
     rows = build_rows(lambda _: 0.0)
     seen = find_identifiability(rows)
-    assert warn_of_pattern(rows, fit_ols(rows, seen), seen, weighted=False) == ()
+    assert warn_of_pattern(rows, fit_ols(rows, seen), seen) == ()
 
 
 def test_impossible_inertias_are_named(recording):

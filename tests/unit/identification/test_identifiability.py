@@ -67,16 +67,18 @@ def test_the_variance_is_divided_as_asked(freedom, rest):
     np.testing.assert_allclose(fit.covariance, expected, rtol=1e-8)
 
 
-def test_weights_are_the_scatter_of_the_first_fit():
+def test_weights_are_the_scatter_that_their_own_fit_leaves():
     matrix, values = draw()
     group = np.repeat([0, 1], 30)
     values[group == 1] *= 50
     rows = build(matrix, values, group)
     seen = find_identifiability(rows)
-    e = fit_ols(rows, seen).residuals
+    fit = fit_wls(rows, seen)
+    e = fit.residuals
     w = 1 / np.array([np.linalg.norm(e[group == j]) / np.sqrt(26) for j in (0, 1)])[group]
     expected = np.linalg.lstsq(matrix * w[:, None], values * w, rcond=None)[0]
-    np.testing.assert_allclose(fit_wls(rows, seen).values, expected, rtol=1e-9)
+    np.testing.assert_allclose(fit.values, expected, rtol=1e-5)
+    np.testing.assert_allclose(fit.weights, w, rtol=1e-5)
 
 
 def test_a_column_of_zeros_is_refused_and_the_others_are_fitted():
@@ -176,18 +178,18 @@ def test_settled_joints_have_no_velocity():
 def test_wrong_calls_name_what_is_allowed():
     library = build_one_axis()
     with pytest.raises(UsageError) as caught:
-        identify_parameters(library, [], PLAIN, rows="power", estimator="magic")
+        identify_parameters(library, [], PLAIN, rows="impulse", estimator="magic")
     text = str(caught.value)
     assert [notice.code for notice in caught.value.notices] == [
         "usage.unknown-rows",
         "usage.unknown-estimator",
         "usage.no-log",
     ]
-    assert "allowed are torque, momentum, energy" in text
+    assert "allowed are torque, momentum, filtered, power, energy" in text
     assert "allowed are ols, wls" in text
     assert "no log was given" in text
-    with pytest.raises(UsageError, match="rows 'power'"):
-        build_rows("power", library, build_signals(library, ONE_AXIS_TRUTH), PLAIN)
+    with pytest.raises(UsageError, match="rows 'impulse'"):
+        build_rows("impulse", library, build_signals(library, ONE_AXIS_TRUTH), PLAIN)
 
 
 def test_a_log_of_another_robot_is_refused():

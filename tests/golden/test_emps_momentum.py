@@ -1,0 +1,32 @@
+"""EMPS: momentum rows, which need no acceleration, leave no more of a real log than torque rows do."""
+
+import numpy as np
+import pytest
+
+from symid.codegen.cache import prepare_library
+from symid.data.readers import read_recording
+from symid.formats.toml import read_robot
+from symid.identification.identify import identify_parameters
+from symid.identification.metric import find_band_residual, predict_torques
+
+
+@pytest.mark.parametrize("file", ["DATA_EMPS.mat", "DATA_EMPS_PULSES.mat"])
+def test_momentum_leaves_no_more(shared_data, robots_folder, file):
+    robot = read_robot(robots_folder / "emps.toml")
+    library = prepare_library(robot)
+    names = tuple(entry.name for entry in (*library.card.beta, *library.card.friction))
+    fitted = read_recording(shared_data / "emps" / "DATA_EMPS.mat", robot)
+    log = read_recording(shared_data / "emps" / file, robot)
+
+    def measure(rows):
+        values = identify_parameters(library, [fitted], robot.processing, rows=rows).assemble(names)
+        return np.array(
+            [
+                find_band_residual(
+                    predict_torques(values, library, log, robot.processing, band=band)
+                ).mean_relative_percent
+                for band in (10.0, 20.0, 50.0)
+            ]
+        )
+
+    assert np.all(measure("momentum") < 1.05 * measure("torque"))

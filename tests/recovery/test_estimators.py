@@ -1,0 +1,258 @@
+"""Every estimator brings back the truth; each does what it is there for."""
+
+import numpy as np
+import pytest
+
+from symid.errors import UsageError
+from symid.identification.estimators import ESTIMATORS, EstimatorOptions, fit_rows
+from symid.identification.gls import find_noise_covariance, fit_gls, whiten_rows
+from symid.identification.huber import fit_huber
+from symid.identification.identifiability import find_identifiability
+from symid.identification.identify import identify_parameters
+from symid.identification.prior import Prior, build_prior_of_card, build_prior_of_estimate
+from symid.identification.regression import fit_ols, fit_wls
+from symid.identification.ridge import fit_ridge
+from symid.identification.rows import build_rows, select_rows, stack_rows
+from symid.robot.log_map import Processing
+from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_signals, build_two_link
+
+PLAIN = Processing()
+FREE = tuple(name for name in ESTIMATORS if name not in {"ridge", "consistent"})
+NOISE = (0.5, 0.2)
+
+
+def build(*, seed=0, noise=None, samples=4001, kind="torque"):
+    library = build_two_link()
+    signals = build_signals(library, TWO_LINK_TRUTH, samples=samples, period=5e-3, seed=seed, noise=noise)
+    return build_rows(kind, library, signals, PLAIN)
+
+
+def with_values(rows, values):
+    fields = {name: getattr(rows, name) for name in type(rows).__dataclass_fields__}
+    return type(rows)(**{**fields, "values": values})
+
+
+def score(fit):
+    return (fit.values - TWO_LINK_TRUTH) / np.sqrt(np.diag(fit.covariance))
+
+
+@pytest.mark.parametrize("estimator", FREE)
+def test_exact_rows_give_the_truth(estimator):
+    rows = build()
+    fit = fit_rows(estimator, rows, find_identifiability(rows))
+    np.testing.assert_allclose(fit.values, TWO_LINK_TRUTH, atol=1e-7)
+
+
+@pytest.mark.parametrize("kind", ["torque", "momentum", "filtered"])
+@pytest.mark.parametrize("estimator", FREE)
+def test_deviations_cover_the_truth_as_often_as_they_say(estimator, kind):
+    scores = []
+    for seed in range(40):
+        rows = build(seed=seed, noise=NOISE, samples=2001, kind=kind)
+        scores.append(score(fit_rows(estimator, rows, find_identifiability(rows))))
+    # The mean square of 40 times 12 scores, in part dependent, scatters by about a tenth.
+    assert 0.75 < np.mean(np.square(scores)) < 1.3
+
+
+def draw_joint_noise(rows, rng, covariance):
+    """Return noise that both joints share, for rows of equal times."""
+    count = len(rows.values) // 2
+    return (rng.normal(size=(count, 2)) @ np.linalg.cholesky(covariance).T).T.ravel()
+
+
+def test_gls_knows_more_where_joints_share_their_noise():
+    clean = build()
+    seen = find_identifiability(clean)
+    covariance = np.array([[0.25, 0.19], [0.19, 0.16]])
+    errors = {fit_wls: [], fit_gls: []}
+    scores = []
+    for seed in range(40):
+        noise = draw_joint_noise(clean, np.random.default_rng(seed), covariance)
+        rows = with_values(clean, clean.values + noise)
+        for estimator, found in errors.items():
+            fit = estimator(rows, seen)
+            found.append(fit.values - TWO_LINK_TRUTH)
+        scores.append(score(fit_gls(rows, seen)))
+        found = find_noise_covariance(rows, fit_wls(rows, seen))
+        np.testing.assert_allclose(found, covariance, rtol=0.1)
+    spread = {estimator: np.std(found, axis=0) for estimator, found in errors.items()}
+    assert np.mean(spread[fit_gls] / spread[fit_wls]) < 0.6
+    assert 0.8 < np.mean(np.square(scores)) < 1.25
+
+
+def test_gls_equals_the_formula_of_aitken():
+    rows = build(noise=NOISE, samples=301)
+    noise = np.array([[2.0, 0.7], [0.7, 1.0]])
+    fit = fit_gls(rows, find_identifiability(rows), noise=noise)
+    whole = np.linalg.inv(np.kron(noise, np.eye(len(rows.values) // 2)))
+    normal = rows.matrix.T @ whole @ rows.matrix
+    expected = np.linalg.solve(normal, rows.matrix.T @ whole @ rows.values)
+    np.testing.assert_allclose(fit.values, expected, rtol=1e-7)
+    e = rows.values - rows.matrix @ expected
+    variance = e @ whole @ e / (len(e) - len(expected))
+    np.testing.assert_allclose(fit.covariance, variance * np.linalg.inv(normal), rtol=1e-6)
+
+
+def test_rows_without_their_fellows_are_whitened_on_their_own():
+    rows = build(noise=NOISE, samples=101)
+    keep = np.ones(len(rows.values), dtype=bool)
+    keep[:10] = False
+    cut = select_rows(rows, keep)
+    noise = np.array([[4.0, 1.0], [1.0, 9.0]])
+    white = whiten_rows(cut, noise)
+    alone = np.flatnonzero((cut.group == 1) & np.isin(cut.time, rows.time[:10]))
+    np.testing.assert_allclose(white.values[alone], cut.values[alone] / 3.0)
+
+
+def test_outliers_hardly_move_the_robust_fit():
+    clean = build(noise=NOISE)
+    seen = find_identifiability(clean)
+    rng = np.random.default_rng(5)
+    hit = rng.random(len(clean.values)) < 0.05
+    rows = with_values(clean, clean.values + hit * 20.0 * rng.exponential(size=len(clean.values)))
+    robust, plain = fit_huber(rows, seen), fit_ols(rows, seen)
+    assert np.abs(score(robust)).max() < 4.5
+    error = np.abs(robust.values - TWO_LINK_TRUTH)
+    assert np.linalg.norm(error) < 0.3 * np.linalg.norm(plain.values - TWO_LINK_TRUTH)
+    assert robust.report["outliers_percent"] > 4.0
+    assert not robust.notices
+
+
+def test_huber_is_stationary_for_its_loss():
+    rows = build(noise=NOISE, samples=501)
+    fit = fit_huber(rows, find_identifiability(rows))
+    slope = rows.matrix.T @ (fit.weights**2 * fit.residuals)
+    size = np.linalg.norm(rows.matrix, axis=0) * np.linalg.norm(fit.weights**2 * fit.residuals)
+    assert np.abs(slope / size).max() < 1e-6
+
+
+def test_ridge_of_weight_one_is_the_bayesian_answer():
+    rows = build(noise=NOISE, samples=201)
+    seen = find_identifiability(rows)
+    deviations = 0.3 * np.abs(TWO_LINK_TRUTH)
+    prior = Prior(
+        names=rows.names, values=tuple(1.2 * TWO_LINK_TRUTH), deviations=tuple(deviations), source="test"
+    )
+    fit = fit_ridge(rows, seen, prior=prior, weight=1.0)
+    weights = fit_wls(rows, seen).weights
+    design, target = rows.matrix * weights[:, None], rows.values * weights
+    precision = design.T @ design + np.diag(deviations**-2)
+    expected = np.linalg.solve(precision, design.T @ target + 1.2 * TWO_LINK_TRUTH / deviations**2)
+    np.testing.assert_allclose(fit.values, expected, rtol=1e-8)
+    np.testing.assert_allclose(fit.covariance, np.linalg.inv(precision), rtol=1e-6)
+    none = fit_ridge(rows, seen, prior=prior, weight=0.0)
+    np.testing.assert_allclose(none.values, fit_wls(rows, seen).values, rtol=1e-8)
+
+
+def test_cross_validation_believes_a_good_prior_and_not_a_bad_one():
+    rows = build(noise=(3.0, 2.0), samples=401)
+    seen = find_identifiability(rows)
+    sizes = tuple(np.abs(TWO_LINK_TRUTH))
+    weights = {}
+    for factor in (1.0, 3.0):
+        values = tuple(factor * TWO_LINK_TRUTH)
+        prior = Prior(names=rows.names, values=values, deviations=sizes, source="test")
+        fit = fit_ridge(rows, seen, prior=prior)
+        weights[factor] = fit.report["prior_weight"]
+        assert fit.report["prior_weight_chosen"]
+    assert weights[1.0] >= 1.0
+    assert weights[3.0] <= 10.0
+    assert weights[3.0] < weights[1.0]
+
+
+def test_priors_of_the_robot_file_and_of_estimates():
+    library = build_two_link()
+    card = build_prior_of_card(library.card, 0.2)
+    values, deviations = card.arrange(("ZZR1", "nothing"))
+    assert values[0] == TWO_LINK_TRUTH[0]
+    assert deviations[0] == pytest.approx(0.2 * abs(TWO_LINK_TRUTH[0]))
+    assert np.isinf(deviations[1])
+    recording = build_recording(library, TWO_LINK_TRUTH)
+    estimate = identify_parameters(library, [recording], PLAIN)
+    again = build_prior_of_estimate(estimate, 2.0)
+    assert again.deviations[0] == pytest.approx(2.0 * estimate.parameters[0].std)
+    near = identify_parameters(
+        library,
+        [recording],
+        PLAIN,
+        estimator="ridge",
+        options=EstimatorOptions(prior=again, prior_weight=1.0),
+    )
+    assert near.settings["fit"]["prior_weight"] == 1.0
+
+
+def test_the_last_joint_is_known_from_its_own_rows():
+    rows = build(noise=NOISE)
+    seen = find_identifiability(rows)
+    fit = fit_rows("sequential", rows, seen)
+    second = rows.group == 1
+    own = [k for k in range(len(rows.names)) if rows.matrix[second][:, k].any()]
+    expected = np.linalg.lstsq(rows.matrix[second][:, own], rows.values[second], rcond=None)[0]
+    np.testing.assert_allclose(fit.values[own], expected, rtol=1e-7)
+    assert [entry["joint"] for entry in fit.report["order"]] == ["joint2", "joint1"]
+
+
+def test_rows_of_all_joints_are_no_rows_of_one():
+    rows = build(kind="power")
+    with pytest.raises(UsageError) as caught:
+        fit_rows("sequential", rows, find_identifiability(rows))
+    assert caught.value.notices[0].code == "usage.sequential-rows"
+
+
+@pytest.mark.parametrize(
+    ("estimator", "code"), [("ridge", "usage.no-prior"), ("consistent", "usage.no-bodies")]
+)
+def test_what_an_estimator_lacks_is_named(estimator, code):
+    rows = build()
+    with pytest.raises(UsageError) as caught:
+        fit_rows(estimator, rows, find_identifiability(rows))
+    assert caught.value.notices[0].code == code
+
+
+def test_a_robot_file_without_values_is_no_prior():
+    from dataclasses import replace
+
+    card = build_two_link().card
+    bare = replace(card, beta=tuple(replace(entry, value=None) for entry in card.beta), friction=())
+    with pytest.raises(UsageError, match="states no values") as caught:
+        build_prior_of_card(bare, 0.2)
+    assert caught.value.notices[0].code == "usage.no-prior"
+
+
+def test_runs_count_as_they_are_weighed():
+    parts = [build(seed=1, noise=NOISE, samples=301), build(seed=2, noise=NOISE, samples=201)]
+    weighed = stack_rows(parts, weights=(1.0, 4.0))
+    fit = fit_ols(weighed, find_identifiability(weighed))
+    twice = [parts[0].matrix, *[parts[1].matrix] * 4], [parts[0].values, *[parts[1].values] * 4]
+    expected = np.linalg.lstsq(np.vstack(twice[0]), np.concatenate(twice[1]), rcond=None)[0]
+    np.testing.assert_allclose(fit.values, expected, rtol=1e-8)
+    assert set(weighed.run) == {0, 1}
+    np.testing.assert_array_equal(weighed.weight, np.where(weighed.run == 1, 4.0, 1.0))
+    library = build_two_link()
+    recordings = [build_recording(library, TWO_LINK_TRUTH, seed=seed, source=str(seed)) for seed in (1, 2)]
+    estimate = identify_parameters(library, recordings, PLAIN, weights=(1.0, 0.25))
+    assert estimate.settings["weights"] == [1.0, 0.25]
+
+
+@pytest.mark.parametrize("kind", ["momentum", "energy"])
+def test_overlapping_windows_know_a_little_more_and_do_not_boast(kind):
+    library = build_two_link()
+    scores, errors = [], {0.0: [], 0.5: []}
+    for seed in range(40):
+        signals = build_signals(library, TWO_LINK_TRUTH, samples=4001, period=5e-3, seed=seed, noise=NOISE)
+        for overlap, found in errors.items():
+            rows = build_rows(kind, library, signals, PLAIN, window=0.2, overlap=overlap)
+            fit = fit_wls(rows, find_identifiability(rows))
+            found.append(fit.values - TWO_LINK_TRUTH)
+            if overlap:
+                scores.append(score(fit))
+    assert np.mean(np.std(errors[0.5], axis=0) / np.std(errors[0.0], axis=0)) < 1.0
+    assert 0.75 < np.mean(np.square(scores)) < 1.3
+
+
+def test_an_overlap_that_is_no_part_is_refused():
+    library = build_two_link()
+    signals = build_signals(library, TWO_LINK_TRUTH)
+    with pytest.raises(UsageError) as caught:
+        build_rows("momentum", library, signals, PLAIN, overlap=1.0)
+    assert caught.value.notices[0].code == "usage.overlap"

@@ -1,0 +1,46 @@
+"""The precision study: the same for any number of processes, ratios that the theory foretells."""
+
+import numpy as np
+import pytest
+
+from symid.formats.toml import read_robot
+from symid.identification.identifiability import find_identifiability
+from symid.identification.regression import fit_wls
+from symid.study import precision
+from symid.study.precision import study_precision
+
+
+@pytest.fixture(scope="module")
+def path(robots_folder):
+    return robots_folder / "two_link.toml"
+
+
+def test_the_bound_is_reached_and_deviations_are_honest(path, monkeypatch):
+    monkeypatch.setattr(precision, "_SEEDS_PER_TASK", 15)
+    found = study_precision(path, range(60), jobs=1)
+    assert found.robot == read_robot(path).name
+    assert [entry.method for entry in found.methods] == ["wls", "momentum", "consistent"]
+    for entry in found.methods:
+        # Sixty draws scatter by a tenth.
+        assert 0.85 < entry.mean_ratio < 1.2
+        assert entry.worst_ratio == max(entry.ratios)
+        assert abs(entry.coverage_percent - 95.0) < 3.5
+    assert found.methods[2].least_eigenvalue > 0.0
+    assert found.methods[2].worst_price_percent < 0.5
+    again = study_precision(path, range(60), jobs=2)
+    assert again == found
+
+
+def test_a_seed_gives_the_fit_of_its_rows(path):
+    """Values made anew in the triangles, against a fit to the rows with that noise."""
+    scene, _ = precision._load_scene(path)
+    rows = scene.rows["torque"]
+    rng = np.random.default_rng(7)
+    noise = rng.normal(size=len(rows.values)) * scene.deviations[rows.group]
+    fields = {name: getattr(rows, name) for name in type(rows).__dataclass_fields__}
+    noisy = type(rows)(**{**fields, "values": rows.matrix @ scene.truth + noise})
+    expected = fit_wls(noisy, find_identifiability(noisy))
+    condensed = precision._draw(scene, "torque", noise)
+    found = precision.fit_condensed(condensed, np.eye(len(scene.truth)))
+    np.testing.assert_allclose(found.values, expected.values, rtol=1e-8)
+    np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-6, atol=1e-18)
