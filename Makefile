@@ -10,6 +10,8 @@ BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 DEMO := demo
 WORKERS ?= 2
+# A worker a core: threads of the linear algebra would only wait for each other, and change last digits.
+PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest
 # Program and the Debian package that has it.
 EMBEDDED := gcc:gcc clang:clang cppcheck:cppcheck arm-none-eabi-gcc:gcc-arm-none-eabi qemu-system-arm:qemu-system-arm
 
@@ -47,11 +49,11 @@ lint: $(VENV)/dev
 
 # The tests come last, so that pytest's closing line is the last one.
 test: lint
-	$(BIN)/python -m pytest --numprocesses $(WORKERS)
+	$(PYTEST) --numprocesses $(WORKERS)
 
 # Every URDF of a package of seventy; prints a table.
 test-slow: $(VENV)/dev
-	$(BIN)/python -m pytest -m slow --capture=no --quiet tests/oracle/test_urdf_robots.py
+	$(PYTEST) -m slow --capture=no --quiet tests/oracle/test_urdf_robots.py
 
 # What test-embedded still wants of Debian, a package a line; nothing if all is there.
 embedded-packages:
@@ -66,7 +68,7 @@ test-embedded: $(VENV)/dev
 		echo "test-embedded wants programs that are not here; as root: apt-get install --no-install-recommends $$missing"; \
 		exit 1; \
 	fi
-	$(BIN)/python -m pytest -m embedded --numprocesses $(WORKERS) tests/embedded
+	$(PYTEST) -m embedded --numprocesses $(WORKERS) tests/embedded
 
 docs: $(VENV)/docs
 	$(BIN)/sphinx-build -W --keep-going -b html docs docs/_build/html

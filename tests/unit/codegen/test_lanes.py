@@ -173,7 +173,7 @@ def test_batches_of_every_width_agree_with_single_samples(tmp_path, width):
     write_sources(generate_c_library(functions), tmp_path / "code")
     flags = f"-O1 -Wno-psabi -DSYMID_PUMA560_LANES={width}"
     done = subprocess.run(
-        ("make", "check", f"CC={COMPILER.path}", f"CFLAGS={flags}"),
+        ("make", "--no-print-directory", "check", f"CC={COMPILER.path}", f"CFLAGS={flags}"),
         cwd=tmp_path / "code",
         check=False,
         capture_output=True,
