@@ -46,7 +46,8 @@ def solve_consistent(card: ModelCard, matrix: FloatArray, right: FloatArray) -> 
     columns = np.where(alive, matrix, 0.0) / scales
     triangle: FloatArray = np.asarray(np.linalg.qr(np.column_stack([columns, right]), mode="r"))
     answer = np.linalg.lstsq(triangle[:, :count], triangle[:, count], rcond=rule.singular)
-    solution: FloatArray = answer[0] / scales
+    # What is not seen is zero, not what rounding makes of it: its sign would let bounds act.
+    solution: FloatArray = np.where(alive, answer[0] / scales, 0.0)
     low = find_lower_bounds(card, count - len(card.beta) - card.size - len(card.friction))
     if np.all(solution >= low):
         return solution
@@ -58,4 +59,4 @@ def solve_consistent(card: ModelCard, matrix: FloatArray, right: FloatArray) -> 
         left = np.vstack([left, rule.singular * answer[3][0] * np.eye(count)])
         values = np.concatenate([values, np.zeros(count)])
     bounded: FloatArray = lsq_linear(left, values, bounds=(low * scales, np.inf), method="bvls").x / scales
-    return bounded
+    return np.where(alive, bounded, 0.0)
