@@ -11,12 +11,12 @@ Supported: Jacobians of a fixed pattern. Not supported: bounds on unknowns (stat
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import numpy as np
 
 from symid.arrays import FloatArray
+from symid.callbacks import build_callback
 
 __all__ = ["Ending", "IpoptOptions", "SmoothProblem", "run_ipopt"]
 
@@ -129,54 +129,13 @@ def _build_functions(problem: SmoothProblem, size: int) -> tuple[Any, Any, Any, 
         unknowns = read(arguments[0])
         return [problem.value(unknowns), casadi.DM(problem.gradient(unknowns))]
 
-    build = _load_class()
     return (
-        build("value", (("x", x),), (("f", one),), lambda a: [problem.value(read(a[0]))]),
-        build(
+        build_callback("value", (("x", x),), (("f", one),), lambda a: [problem.value(read(a[0]))]),
+        build_callback(
             "constraints", (("x", x),), (("g", many),), lambda a: [casadi.DM(problem.constraints(read(a[0])))]
         ),
-        build("gradient", (("x", x), ("p", none)), (("f", one), ("grad_f_x", x)), find_gradient),
-        build("jacobian", (("x", x), ("p", none)), (("g", many), ("jac_g_x", pattern)), find_jacobian),
+        build_callback("gradient", (("x", x), ("p", none)), (("f", one), ("grad_f_x", x)), find_gradient),
+        build_callback(
+            "jacobian", (("x", x), ("p", none)), (("g", many), ("jac_g_x", pattern)), find_jacobian
+        ),
     )
-
-
-Slots = tuple[tuple[str, Any], ...]
-
-
-@cache
-def _load_class() -> Callable[..., Any]:
-    """Return the class of callbacks; CasADi is loaded only when it is asked for."""
-    import casadi
-
-    class NumpyFunction(casadi.Callback):
-        """A function with named arguments and results of known sparsity."""
-
-        def __init__(
-            self, name: str, takes: Slots, gives: Slots, evaluate: Callable[[Sequence[Any]], list[Any]]
-        ) -> None:
-            casadi.Callback.__init__(self)
-            self.takes, self.gives, self.evaluate = takes, gives, evaluate
-            self.construct(name, {})
-
-        def get_n_in(self) -> int:
-            return len(self.takes)
-
-        def get_n_out(self) -> int:
-            return len(self.gives)
-
-        def get_name_in(self, place: int) -> str:
-            return self.takes[place][0]
-
-        def get_name_out(self, place: int) -> str:
-            return self.gives[place][0]
-
-        def get_sparsity_in(self, place: int) -> Any:  # noqa: ANN401  # of casadi
-            return self.takes[place][1]
-
-        def get_sparsity_out(self, place: int) -> Any:  # noqa: ANN401  # the same
-            return self.gives[place][1]
-
-        def eval(self, arguments: Sequence[Any]) -> list[Any]:
-            return self.evaluate(arguments)
-
-    return NumpyFunction

@@ -7,12 +7,12 @@ Not supported: parameters of the problem.
 """
 
 from collections.abc import Callable, Sequence
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from symid.arrays import FloatArray
+from symid.callbacks import build_callback
 
 __all__ = ["IpoptFunctions", "build_ipopt_functions"]
 
@@ -63,58 +63,15 @@ def build_ipopt_functions(
         return [casadi.DM(upper, full[rows, columns])]
 
     unknowns, scalar, none = dense(size, 1), dense(1, 1), dense(0, 0)
-    build = _load_class()
     return IpoptFunctions(
-        value=build("value", (("x", unknowns),), (("f", scalar),), find_value),
-        gradient=build(
+        value=build_callback("value", (("x", unknowns),), (("f", scalar),), find_value),
+        gradient=build_callback(
             "gradient", (("x", unknowns), ("p", none)), (("f", scalar), ("grad_f_x", unknowns)), find_slope
         ),
-        hessian=build(
+        hessian=build_callback(
             "hessian",
             (("x", unknowns), ("p", none), ("lam_f", scalar), ("lam_g", none)),
             (("triu_hess_gamma_x_x", upper),),
             find_bend,
         ),
     )
-
-
-Slots = tuple[tuple[str, Any], ...]
-
-
-@cache
-def _load_class() -> Callable[..., Any]:
-    """Return the class; CasADi is loaded only when it is asked for."""
-    import casadi
-
-    class NumpyFunction(casadi.Callback):
-        """A function with named arguments and results of known sparsity."""
-
-        def __init__(
-            self, name: str, takes: Slots, gives: Slots, evaluate: Callable[[Sequence[Any]], list[Any]]
-        ) -> None:
-            casadi.Callback.__init__(self)
-            self.takes, self.gives, self.evaluate = takes, gives, evaluate
-            self.construct(name, {})
-
-        def get_n_in(self) -> int:
-            return len(self.takes)
-
-        def get_n_out(self) -> int:
-            return len(self.gives)
-
-        def get_name_in(self, place: int) -> str:
-            return self.takes[place][0]
-
-        def get_name_out(self, place: int) -> str:
-            return self.gives[place][0]
-
-        def get_sparsity_in(self, place: int) -> Any:  # noqa: ANN401  # of casadi
-            return self.takes[place][1]
-
-        def get_sparsity_out(self, place: int) -> Any:  # noqa: ANN401  # the same
-            return self.gives[place][1]
-
-        def eval(self, arguments: Sequence[Any]) -> list[Any]:
-            return self.evaluate(arguments)
-
-    return NumpyFunction
