@@ -2,28 +2,34 @@
 
     python benchmarks/real_robots.py FOLDER      the folder that holds tx40/, kr300/ and emps/
 
-Prints tables; writes nothing.
+Prints tables, also of what processing does to the TX40's values; writes nothing.
 """
 
-import csv
 import sys
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from symid.codegen.cache import prepare_library
 from symid.data.readers import read_recording
 from symid.formats.locate import find_robot_file
+from symid.formats.overrides import override_robot
 from symid.formats.toml import read_robot
+from symid.formats.value_table import TableColumns, read_value_table
+from symid.identification.comparison import (
+    ReadingTrial,
+    add_readings,
+    build_stated_values,
+    find_comparison,
+    find_grouped_values,
+)
 from symid.identification.diagnosis import diagnose_estimate
 from symid.identification.identify import identify_parameters
 from symid.identification.metric import find_band_residual, predict_torques
 from symid.parameters.base import find_base_parameters
-from symid.parameters.regrouping import find_regrouping, read_group
+from symid.parameters.readings import find_coupled_readings
+from symid.parameters.regrouping import find_change, find_regrouping, read_group
 
 FITS = (("torque", "ols"), ("torque", "wls"), ("momentum", "ols"), ("momentum", "wls"))
-COUPLED = {"fv5": "fv5 + fvm6", "fv6": "fv6 + fvm6", "Ia5": "Ia5 + Iam6"}
 
 
 def load(name):
@@ -58,30 +64,65 @@ def show_tx40(folder):
             f"   60/40 {measure(library, part, recording, tail, 10.0):6.2f} %"
         )
     show_published(folder, robot, library, recording)
+    show_processing(robot, library, recording)
 
 
 def show_published(folder, robot, library, recording):
-    """Print weighted least squares beside the published values, in the published groups."""
-    with (folder / "tx40" / "published.csv").open(encoding="utf-8", newline="") as file:
-        published = list(csv.DictReader(file))
-    groups = [
-        read_group(COUPLED.get(row["base_parameter"], row["base_parameter"]), robot) for row in published
-    ]
-    found = find_regrouping(find_base_parameters(robot), groups)
+    """Print weighted least squares beside the published values, as they stand and with the coupling in."""
+    columns = TableColumns(value="wls")
+    base = find_base_parameters(robot)
+    path = folder / "tx40" / "published.csv"
+    table = read_value_table(path, columns, lambda text: read_group(text, robot, base))
+    names = [row.text for row in table.rows]
+    found = find_regrouping(base, [row.name for row in table.rows], names)
     print(
         f"  {len(found.rows)} published groups and {', '.join(found.absent)}: same space {found.is_complete}"
     )
-    change = np.array([[float(value) for value in row] for row in found.rows])
-    estimate = identify_parameters(library, [recording], robot.processing, estimator="wls")
-    values = change @ estimate.assemble(found.names)
-    spread = np.sqrt(np.diag(change @ np.array(estimate.covariance) @ change.T))
-    print(f"  {'group':32} {'ours':>10} {'std':>9} {'published':>10} {'std':>9} {'in std':>7}")
-    for row, value, std in zip(published, values, spread, strict=True):
-        other = float(row["wls"])
-        stated = abs(other) * float(row["wls_std_percent"]) / 100.0
-        away = (value - other) / np.hypot(std, stated)
-        name = row["base_parameter"][:32]
-        print(f"  {name:32} {value:10.5f} {std:9.5f} {other:10.5f} {stated:9.5f} {away:7.2f}")
+    theirs = build_stated_values([row.value for row in table.rows], [row.deviation for row in table.rows])
+    change = find_change(found.rows, robot)
+    readings = find_coupled_readings(robot, base, found.rows)
+    trials = [
+        ReadingTrial(group=entry.group, column=entry.column, factor=float(entry.factor)) for entry in readings
+    ]
+    terms = ", ".join(f"{names[entry.group]} + {entry.name}" for entry in readings)
+    for standstill in (0.0, 0.1):
+        processing = replace(robot.processing, standstill=standstill)
+        estimate = identify_parameters(library, [recording], processing, estimator="wls")
+        stds = [entry.std for entry in estimate.parameters]
+        ours = build_stated_values(estimate.assemble(found.names), stds, estimate.covariance)
+        print(f"  rows below {standstill} rad/s left out")
+        for word, matrix in (("as it stands", change), (terms, add_readings(change, trials))):
+            entry = find_comparison(find_grouped_values(matrix, ours), theirs)
+            within = " and ".join(f"{entry.count_within(limit)}" for limit in (2.0, 3.0))
+            print(
+                f"    {word}: {within} of {entry.judged} within 2 and 3 deviations, largest "
+                f"{entry.largest:.1f}, chi-square {entry.chi_square.value:.0f}"
+            )
+
+
+def show_processing(robot, library, recording):
+    """Print what processing does to the first base parameter and the friction of its joint."""
+    cases = (
+        ("as chosen", {}),
+        ("low-pass 100 Hz", {"filter_cutoff": "100"}),
+        ("low-pass 50 Hz", {"filter_cutoff": "50"}),
+        ("100 Hz, one row in 25", {"filter_cutoff": "100", "decimation.factor": "25"}),
+        ("100 Hz, one row in 100", {"filter_cutoff": "100", "decimation.factor": "100"}),
+        ("0.1 s at either end left out", {"drop_first": "500", "drop_last": "500"}),
+        ("rows below 0.05 rad/s left out", {"standstill": "0.05"}),
+        ("rows below 0.1 rad/s left out", {"standstill": "0.1"}),
+        ("rows below 0.2 rad/s left out", {"standstill": "0.2"}),
+    )
+    print("TX40: what processing does, ols and wls")
+    for name, settings in cases:
+        pairs = [(f"processing.{key}", value) for key, value in settings.items()]
+        processing = override_robot(robot, pairs, None).processing
+        texts = []
+        for estimator in ("ols", "wls"):
+            estimate = identify_parameters(library, [recording], processing, estimator=estimator)
+            known = {entry.name: entry for entry in estimate.parameters}
+            texts += [f"{known[key].value:.4f} +- {known[key].std:.4f}" for key in ("ZZR1", "Fv1", "Fc1")]
+        print(f"  {name:32} {'  '.join(texts)}")
 
 
 def show_kr300(folder):

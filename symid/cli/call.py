@@ -34,6 +34,7 @@ VERBS = (
     "simulate",
     "identify",
     "validate",
+    "compare",
     "export",
     "payload",
     "report",

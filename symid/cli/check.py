@@ -20,6 +20,7 @@ from symid.errors import IdentifiabilityError, Notice, UsageError
 
 if TYPE_CHECKING:  # these load numpy
     from symid.data.recording import Recording
+    from symid.identification.log_excitation import Excitation
     from symid.robot.description import Robot
 
 __all__ = ["command"]
@@ -58,7 +59,7 @@ def command(
 
     All that is wrong is said at once, each with its file, line and column: exit code 3. What is odd in a
     log is a warning that says what to do: time stamps, units, signs, exchanged joints, delays, motion that
-    excites too little. Exit code 4 where nothing can be learnt from the logs.
+    excites too little. Exit code 4 where the logs tell less than three quarters of the parameters.
     """
     if resample is not None and len(logs) != 1:
         text = f"--resample {resample}: takes one log at a time, got {len(logs)}"
@@ -191,11 +192,22 @@ def _answer_dynamics(
     text.append(show_excitation(excitation))
     warnings += (*(notice for check in checks for notice in check.notices), *notices, *library.notices)
     whole = "\n\n".join(text)
-    if not excitation.empty:
+    if not excitation.poor:
         return Answer(text=whole, result=result, warnings=warnings)
-    reason = "; ".join(f"{entry.name}: {entry.reason}" for entry in excitation.parameters[:8])
-    nothing = Notice(
-        code="check.nothing",
-        text=f"nothing can be learnt from these logs ({reason}): record one in which every joint accelerates",
+    return Answer(text=whole, result=result, warnings=warnings, errors=(_say_poor(excitation),), exit_code=4)
+
+
+def _say_poor(excitation: "Excitation") -> Notice:
+    """Return why the logs are not enough for a model of the robot."""
+    if excitation.empty:
+        reason = "; ".join(f"{entry.name}: {entry.reason}" for entry in excitation.parameters[:8])
+        what = "record one in which every joint accelerates"
+        text = f"nothing can be learnt from these logs ({reason}): {what}"
+        return Notice(code="check.nothing", text=text)
+    count, whole = len(excitation.list_names("refused")), len(excitation.parameters)
+    text = (
+        f"these logs tell only {whole - count} of {whole} parameters, too few for a model of this robot; the "
+        "table says why: record one in which every joint accelerates on its own, or check it together with "
+        "further logs; `symid identify --partial` fits what can be told"
     )
-    return Answer(text=whole, result=result, warnings=warnings, errors=(nothing,), exit_code=4)
+    return Notice(code="check.poor", text=text)

@@ -19,6 +19,7 @@ def describe_diagnosis(diagnosis: "Diagnosis") -> dict[str, object]:
     return {
         "singular_values": list(diagnosis.singular),
         "rank": diagnosis.rank,
+        "refit": None if diagnosis.refit is None else {"largest_difference_stds": diagnosis.refit},
         "correlated": [
             {"parameters": [first, second], "correlation": value}
             for first, second, value in diagnosis.correlated
@@ -78,6 +79,8 @@ def show_diagnosis(diagnosis: "Diagnosis") -> str:
         f"by {essential.price_percent:.2g} %"
     )
     lines = [f"{diagnosis.rank} of {len(diagnosis.singular)} directions are seen", needed]
+    if diagnosis.refit is not None:
+        lines.append(f"fitted again, the logs give the estimate to {diagnosis.refit:.1g} standard deviations")
     if len(drift.runs) > 1:
         lines.append(f"{len(drift.changed)} of {drift.compared} parameters differ between the logs")
     lines += [f"price of {entry.what}: {entry.percent:+.3g} % {entry.of}" for entry in diagnosis.prices]

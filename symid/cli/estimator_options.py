@@ -22,6 +22,8 @@ if TYPE_CHECKING:  # these load numpy
 __all__ = [
     "ESTIMATOR_NAMES",
     "ESTIMATOR_OPTIONS",
+    "OUTPUT_ERROR",
+    "SIMULATING",
     "build_estimator_options",
     "check_estimator_options",
     "estimator_options",
@@ -31,8 +33,12 @@ __all__ = [
 P = ParamSpec("P")
 R = TypeVar("R")
 
-ESTIMATOR_NAMES = ("ols", "wls", "gls", "huber", "ridge", "consistent", "sequential")
-ESTIMATOR_OPTIONS = ("overlap", "prior", "prior_deviation", "prior_weight")
+OUTPUT_ERROR = "output-error"
+"""See `symid.identification.output_error_estimate`."""
+SIMULATING = (OUTPUT_ERROR, "instrumental")
+"""Estimators that simulate the robot; the other one is in `symid.identification.instrumental_estimate`."""
+ESTIMATOR_NAMES = ("ols", "wls", "gls", "huber", "ridge", "consistent", "sequential", *SIMULATING)
+ESTIMATOR_OPTIONS = ("overlap", "prior", "prior_deviation", "prior_weight", "start", "partial")
 _WINDOWED = ("momentum", "filtered", "energy")
 _OVERLAPPING = ("momentum", "energy")
 _DEVIATION = 20.0
@@ -68,6 +74,18 @@ def estimator_options(function: Callable[P, R]) -> Callable[P, R]:
             help="Of --estimator ridge: 1 to believe the deviations stated, 0 for no prior; chosen by cross "
             "validation by default.",
         ),
+        click.option(
+            "--start",
+            metavar="ESTIMATE",
+            help="Of --estimator output-error and instrumental: an estimate of the same model to begin with. "
+            " [default: a fit of the same logs]",
+        ),
+        click.option(
+            "--partial",
+            is_flag=True,
+            default=None,
+            help="Fit what can be told, where logs tell less than three quarters of the parameters.",
+        ),
     )
     for option in reversed(options):
         function = option(function)
@@ -98,6 +116,7 @@ def check_estimator_options(rows: str, estimator: str, options: Mapping[str, obj
         **dict.fromkeys(
             ("prior", "prior_deviation", "prior_weight"), (estimator == "ridge", "--estimator ridge")
         ),
+        "start": (estimator in SIMULATING, f"--estimator {' and '.join(SIMULATING)}"),
     }
     notices = [
         Notice(
@@ -107,6 +126,9 @@ def check_estimator_options(rows: str, estimator: str, options: Mapping[str, obj
         for name, (fits, owner) in wanted.items()
         if options.get(name) is not None and not fits
     ]
+    if estimator in SIMULATING and rows != "torque":
+        text = f"--estimator {estimator} is one of torques; leave --rows {rows} out"
+        notices.append(Notice(code="usage.mixed-options", text=text))
     if notices:
         raise UsageError(*notices)
 

@@ -24,7 +24,13 @@ _WIDTH = 110
 
 
 def study_friction_tables(
-    console: Console, *, seeds: int | None, seed: int | None, jobs: int | None, output: Path | None
+    console: Console,
+    *,
+    seeds: int | None,
+    seed: int | None,
+    jobs: int | None,
+    timed: bool,
+    output: Path | None,
 ) -> Answer:
     """Return the tables of friction.
 
@@ -33,6 +39,7 @@ def study_friction_tables(
         seeds: draws of the noise; None for the study's own number.
         seed: the first one; None for the study's own.
         jobs: processes; None for one a core.
+        timed: whether the time that each estimator takes is measured.
         output: page to write; None for none.
     """
     from symid.report.friction_study import write_friction_study_report
@@ -45,7 +52,8 @@ def study_friction_tables(
         console.progress(f"{done} of {whole}")
 
     console.progress("all estimators on one data set")
-    study = study_friction(range(first, first + (seeds or DRAWS)), jobs=jobs, progress=progress)
+    numbers = range(first, first + (seeds or DRAWS))
+    study = study_friction(numbers, jobs=jobs, timed=timed, progress=progress)
     text = [*map(_write_table, list_tables(study)), _write_checks(study.checks)]
     if output is not None:
         text.append(f"report: {show_path(write_friction_study_report(output, study))}")

@@ -10,7 +10,6 @@ import click
 from symid.cli.elastic_settings import check_settings, cut_logs, find_asked_cutoff, list_unused_settings
 from symid.cli.estimator_options import (
     ESTIMATOR_OPTIONS,
-    build_estimator_options,
     check_estimator_options,
     estimator_options,
     split_estimator_options,
@@ -28,9 +27,9 @@ from symid.cli.identify_friction import (
     friction_options,
     split_friction_options,
 )
+from symid.cli.identify_rigid import check_simulated, fit_rigid, show_tracking
 from symid.cli.inputs import (
     check_output,
-    describe_logs,
     load_robot,
     load_robot_library,
     read_fit_logs,
@@ -177,11 +176,6 @@ def _split_options(further: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str
     return of_rows, *split_friction_options(others)
 
 
-def _find_windows(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return length and overlap of the windows, where they were given."""
-    return {name: options[name] for name in ("window", "overlap") if options[name] is not None}
-
-
 def _list_warnings(robot: "Robot", recordings: Sequence["Recording"]) -> tuple[Notice, ...]:
     from symid.data.checks import check_recording
 
@@ -215,23 +209,12 @@ def _answer_rigid(
     both = has_both_encoders(recordings)
     recordings = [build_motor_recording(recording, described) for recording in recordings]
     rigid = build_rigid_variant(described) if motor_side else described
+    check_simulated(described, recordings, estimator)
     library = load_robot_library(rigid, console)
     console.progress(f"identifying {described.name} from {len(recordings)} log{'s'[: len(recordings) > 1]}")
-    from symid.data.runs import find_weights
-    from symid.identification.identify import identify_parameters
     from symid.identification.storage import write_estimate
 
-    estimate = identify_parameters(
-        library,
-        recordings,
-        described.processing,
-        rows=rows,
-        estimator=estimator,
-        options=build_estimator_options(rigid, library, recordings, estimator=estimator, options=options),
-        **_find_windows(options),
-        weights=find_weights(recordings),
-        echo=describe_logs(described, recordings),
-    )
+    estimate = fit_rigid(rigid, library, recordings, console, rows=rows, estimator=estimator, options=options)
     if not motor_side and any(find_second_encoder(recording) for recording in recordings):
         unused = (
             "the log has a second encoder, which a rigid model has no use for: its position is that of "
@@ -255,7 +238,7 @@ def _write_summary(estimate: "Estimate") -> list[str]:
         f"{estimate.robot}: {estimate.rows} rows, {estimate.estimator}, {estimate.samples} equations, "
         f"condition {estimate.condition:.3g}: {estimate.outcome.value}"
     )
-    text = [headline, show_parameters(estimate), show_residual(estimate.residual)]
+    text = [headline, show_parameters(estimate), show_residual(estimate.residual), *show_tracking(estimate)]
     if estimate.refused:
         text.append("\n".join(f"refused: {name}: {reason}" for name, reason in estimate.refused))
     return text

@@ -173,7 +173,8 @@ def load_robot_of_estimate(
     """Return the robot as it was when identified: with the estimate's friction, log map and processing.
 
     Settings of the command line come last, and win. Where the estimate's differ from the robot file's,
-    a notice of the robot says so.
+    a notice of the robot says so. What the fit chose from its logs is left open again: it holds for logs with
+    the sample period of the fit (`settle_as_fitted`).
 
     Raises:
         UsageError, RobotError: see `load_robot`.
@@ -186,7 +187,25 @@ def load_robot_of_estimate(
     robot = _restore_settings(described, estimate.settings)
     notices = _compare_settings(described, robot, {key for key, _ in settings})
     robot = replace(robot, notices=(*robot.notices, *notices))
-    return _override(robot, settings, None) if settings else robot
+    return _override_fitted(robot, estimate.settings, settings) if settings else robot
+
+
+def _override_fitted(
+    robot: "Robot", fitted: Mapping[str, object], settings: Sequence[tuple[str, str]]
+) -> "Robot":
+    """Return the robot of an estimate with settings of the command line.
+
+    No filter and no decimation, where they are set, are no gaps to fill: then all is as in the fit.
+    """
+    changed = _override(robot, settings, None)
+    processing = changed.processing
+    empty = {
+        "processing.filter_cutoff": processing.filter_cutoff is None,
+        "processing.decimation.factor": processing.decimation.factor == 1,
+    }
+    if not processing.automatic or not any(empty.get(key, False) for key, _ in settings):
+        return changed
+    return _override(_restore_settings(robot, {**fitted, "chosen": []}), settings, None)
 
 
 def _restore_settings(robot: "Robot", settings: Mapping[str, object]) -> "Robot":
@@ -199,6 +218,7 @@ def _restore_settings(robot: "Robot", settings: Mapping[str, object]) -> "Robot"
         text = "its settings have no usable 'processing'; identify again"
         raise EstimateError(Notice(code="estimate.settings", text=text))
     values = {key: _make_exact(settings[key]) for key in ("log", "processing") if key in settings}
+    values["processing"] = _leave_open(values["processing"], settings.get("chosen", ()))
     report = Report(Places(keys={}, values={}, whole=Place("", 0, 0)))
     root = Section(values=values, path=(), report=report)
     log = read_log(root, robot.joints) if "log" in values else robot.log
@@ -207,6 +227,18 @@ def _restore_settings(robot: "Robot", settings: Mapping[str, object]) -> "Robot"
         texts = (f"its settings cannot be used: {notice.text}; identify again" for notice in report.errors)
         raise EstimateError(*(Notice(code="estimate.settings", text=text) for text in texts))
     return restored
+
+
+def _leave_open(processing: object, chosen: object) -> object:
+    """Return the processing without what the fit chose from its logs."""
+    if not isinstance(processing, Mapping) or not isinstance(chosen, Sequence) or not chosen:
+        return processing
+    table = {**processing, "automatic": True}
+    if "filter_cutoff" in chosen:
+        table["filter_cutoff"] = "none"
+    if "decimation.factor" in chosen and isinstance(table.get("decimation"), Mapping):
+        table["decimation"] = {**table["decimation"], "factor": 1}
+    return table
 
 
 def _make_exact(value: object) -> object:

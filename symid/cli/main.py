@@ -8,13 +8,16 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
+from symid.threads import ask_for_one_thread
+
 __all__ = ["main", "run"]
 
 _INTERRUPTED = 130
 
 
 def main() -> NoReturn:
-    """Run the command line and exit."""
+    """Run the command line and exit; linear algebra gets one thread, so that cores do not change results."""
+    ask_for_one_thread()
     try:
         code = run(sys.argv[1:])
     except KeyboardInterrupt:

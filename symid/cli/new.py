@@ -1,13 +1,18 @@
 """`symid new ROBOT.toml`: a robot file to complete, from a URDF, a table of rows, or a robot at hand."""
 
-from decimal import Decimal, InvalidOperation
+import shlex
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from symid.cli.inputs import check_output, show_path
-from symid.cli.options import force_option, verb
+from symid.cli.new_log import LogPart, describe_robot, read_log_part, split_numbers
+from symid.cli.new_source import Source, check_source, read_source
+from symid.cli.options import force_option, friction_option, verb
 from symid.cli.output import Answer, Console
 from symid.errors import Notice, RobotError, UsageError
 
@@ -16,9 +21,10 @@ if TYPE_CHECKING:  # these load numpy, which a usage error must not wait for
 
 __all__ = ["command"]
 
-_LEVEL = ("0", "0", "-9.81")
 _COMMENT = """Made by symid from {source}.
 What stands in comments is not known yet: fill in what is, and leave out what does not apply."""
+_ASSUMED = "Of the log, to be checked by you:"
+_WIDTH = 105
 
 
 @click.command("new")
@@ -34,6 +40,33 @@ What stands in comments is not known yet: fill in what is, and leave out what do
     "--gravity", metavar="X,Y,Z", help="In the base frame of the table, m/s^2.  [default: 0,0,-9.81]"
 )
 @click.option("--from", "name", metavar="ROBOT", help="A robot at hand: a file is copied, a URDF converted.")
+@click.option(
+    "--log",
+    type=click.Path(path_type=Path),
+    metavar="LOG",
+    help="A log of the robot: its columns and their units become the [log] table.",
+)
+@click.option(
+    "--columns",
+    multiple=True,
+    metavar="QUANTITY=NAME,...",
+    help="Columns of a quantity (time, position, torque, velocity), one for each joint.  [default: by their "
+    "names]",
+)
+@click.option(
+    "--units",
+    multiple=True,
+    metavar="QUANTITY=UNIT,...",
+    help="Unit of the columns, one for each or one for all, where the log states none or another one.",
+)
+@friction_option
+@click.option("--rotors", is_flag=True, help="Every drive gets a rotor whose inertia is to be identified.")
+@click.option(
+    "--gear", metavar="N,...", help="Motor turns per joint turn, one for each joint or one for all."
+)
+@click.option(
+    "--torque-constant", metavar="K,...", help="N m/A at the motor, one for each joint or one for all."
+)
 @force_option
 @verb
 def command(
@@ -47,31 +80,41 @@ def command(
     convention: str | None,
     gravity: str | None,
     name: str | None,
+    log: Path | None,
+    columns: tuple[str, ...],
+    units: tuple[str, ...],
+    friction: str | None,
+    rotors: bool,
+    gear: str | None,
+    torque_constant: str | None,
     force: bool,
 ) -> Answer:
     """Write a commented robot file, to be completed by hand.
 
-    It comes from a URDF, from a table of Denavit-Hartenberg rows, or from a robot that is at hand.
+    It comes from a URDF, from a table of Denavit-Hartenberg rows, or from a robot that is at hand. With
+    --log it says which column of a log is what; what was taken for granted is told, and stands in the file.
     """
-    _check_options(
-        urdf, table, name, {"--base": base, "--tip": tip}, {"--convention": convention, "--gravity": gravity}
+    source = Source(
+        urdf=urdf, base=base, tip=tip, table=table, convention=convention, gravity=gravity, name=name
     )
+    check_source(source, () if log is not None else _list_given({"--columns": columns, "--units": units}))
     _check_suffix(file)
-    source = urdf or table
-    check_output(file, force=force, inputs=() if source is None else (source,))
-    console.progress(f"reading {source or name}")
+    inputs = tuple(entry for entry in (urdf, table, log) if entry is not None)
+    check_output(file, force=force, inputs=inputs)
+    console.progress(f"reading {urdf or table or name}")
+    added = _Added(
+        log=log,
+        columns=columns,
+        units=units,
+        friction=friction,
+        rotors=rotors,
+        gear=gear,
+        constant=torque_constant,
+    )
     if name is not None:
-        robot, text = _copy(name, file, force=force)
-    elif urdf is not None:
-        from symid.formats.urdf import read_urdf
-
-        robot = read_urdf(urdf, base=base, tip=tip)
-        text = _write(robot)
+        robot, text, part = _copy(name, file, added, force=force)
     else:
-        from symid.formats.dh_table import read_dh_table
-
-        robot = read_dh_table(table or Path(), convention or "", _split_gravity(gravity))
-        text = _write(robot)
+        robot, text, part = _build(read_source(source), added)
     from symid.identification.storage import write_file
 
     write_file(file, text)
@@ -79,45 +122,70 @@ def command(
     if table is not None and gravity is None:
         said = "gravity is taken as 0, 0, -9.81 m/s^2 in the base frame; give --gravity or correct the file"
         notices += (Notice(code="new.gravity", text=said, file=str(file)),)
-    return _answer(robot, file, notices)
+    return _answer(robot, file, part, notices)
 
 
-def _answer(robot: "Robot", file: Path, notices: tuple[Notice, ...]) -> Answer:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Added:
+    """What the command line puts beside the source."""
+
+    log: Path | None
+    columns: Sequence[str]
+    units: Sequence[str]
+    friction: str | None
+    rotors: bool
+    gear: str | None
+    constant: str | None
+
+    def list_given(self) -> tuple[str, ...]:
+        """Return the options that were given."""
+        return _list_given(
+            {
+                "--log": self.log,
+                "--friction": self.friction,
+                "--rotors": self.rotors,
+                "--gear": self.gear,
+                "--torque-constant": self.constant,
+            }
+        )
+
+
+def _list_given(options: Mapping[str, object]) -> tuple[str, ...]:
+    """Return the options that have a value; a flag that is not given is False, a list empty."""
+    return tuple(option for option, value in options.items() if value not in (None, False, ()))
+
+
+def _build(robot: "Robot", added: _Added) -> tuple["Robot", str, LogPart | None]:
+    """Return the robot with what is added, the text of its file, and what is said of its log."""
+    from symid.formats.completion import Completion, complete_robot
+
+    robot = complete_robot(
+        robot,
+        Completion(
+            friction=added.friction,
+            rotors=added.rotors,
+            gears=split_numbers("--gear", added.gear),
+            constants=split_numbers("--torque-constant", added.constant),
+        ),
+    )
+    if added.log is None:
+        return robot, _write(robot, ()), None
+    part = read_log_part(robot, added.log, added.columns, added.units)
+    return part.robot, _write(part.robot, part.assumed), part
+
+
+def _answer(robot: "Robot", file: Path, part: LogPart | None, notices: tuple[Notice, ...]) -> Answer:
     joints = [{"name": joint.name, "kind": joint.kind.value} for joint in robot.joints]
-    plural = "s" if len(joints) != 1 else ""
-    lines = [
-        f"robot file: {show_path(file)} ({robot.name}, {len(joints)} joint{plural})",
-        f"next: complete it, then symid check {show_path(file)}",
-    ]
-    result = {"file": file, "robot": robot.name, "joints": joints, "notices": len(notices)}
-    return Answer(text="\n".join(lines), result=result, warnings=notices)
-
-
-def _check_options(
-    urdf: Path | None,
-    table: Path | None,
-    name: str | None,
-    of_urdf: dict[str, str | None],
-    of_table: dict[str, str | None],
-) -> None:
-    """Refuse a call without one source, or with options of another one.
-
-    Raises:
-        UsageError: the options do not go together.
-    """
-    texts = []
-    if sum(entry is not None for entry in (urdf, table, name)) != 1:
-        texts.append("give one source: --from-urdf FILE, --from-dh FILE or --from ROBOT")
-    for options, source, owner in ((of_urdf, urdf, "--from-urdf"), (of_table, table, "--from-dh")):
-        texts += [
-            f"{option} belongs to {owner}"
-            for option, value in options.items()
-            if value is not None and source is None
-        ]
-    if table is not None and of_table["--convention"] is None:
-        texts.append("--from-dh needs --convention modified or --convention standard; it is never guessed")
-    if texts:
-        raise UsageError(*(Notice(code="usage.call", text=text) for text in texts))
+    text = f"robot file: {show_path(file)} ({describe_robot(robot)})"
+    result = {"file": file, "robot": robot.name, "joints": joints}
+    if part is None:
+        text += f"\nnext: complete it, then symid check {shlex.quote(str(show_path(file)))}"
+    else:
+        notices += (*part.assumed, *part.doubts)
+        given = shlex.join((str(show_path(file)), str(part.result["file"])))
+        text = f"{text}\n{part.text}\nnext: symid check {given}"
+        result["log"] = part.result
+    return Answer(text=text, result={**result, "notices": len(notices)}, warnings=notices)
 
 
 def _check_suffix(file: Path) -> None:
@@ -131,30 +199,12 @@ def _check_suffix(file: Path) -> None:
         raise UsageError(Notice(code="usage.suffix", text=text))
 
 
-def _split_gravity(text: str | None) -> tuple[str, str, str]:
-    """Return the three components of --gravity.
+def _copy(name: str, file: Path, added: _Added, *, force: bool) -> tuple["Robot", str, LogPart | None]:
+    """Return a robot at hand and the text of its file; a URDF is converted.
 
     Raises:
-        UsageError: they are not three finite numbers of a sensible size.
+        UsageError: something is to be put beside a robot file, which is copied as it is.
     """
-    if text is None:
-        return _LEVEL
-    from symid.formats.section import to_decimal
-
-    parts = [part.strip() for part in text.split(",")]
-    try:
-        good = len(parts) == 3 and all(to_decimal(Decimal(part)) is not None for part in parts)
-    except InvalidOperation:
-        good = False
-    if not good:
-        expected = "expected three numbers in m/s^2 of a sensible size"
-        message = f"--gravity {text}: {expected}, such as --gravity 0,0,-9.81"
-        raise UsageError(Notice(code="usage.gravity", text=message))
-    return (parts[0], parts[1], parts[2])
-
-
-def _copy(name: str, file: Path, *, force: bool) -> tuple["Robot", str]:
-    """Return a robot at hand and the text of its file; a URDF is converted."""
     from symid.formats.locate import find_robot_file, is_urdf
     from symid.formats.toml import read_robot
     from symid.formats.urdf import read_urdf
@@ -162,13 +212,16 @@ def _copy(name: str, file: Path, *, force: bool) -> tuple["Robot", str]:
     found = find_robot_file(name)
     check_output(file, force=force, inputs=(found,))
     if is_urdf(found):
-        robot = read_urdf(found)
-        return robot, _write(robot)
-    return read_robot(found), found.read_text(encoding="utf-8-sig")
+        return _build(read_urdf(found), added)
+    if added.list_given():
+        listed = ", ".join(added.list_given())
+        text = f"{listed}: a robot file is copied as it is; leave this out, and complete the copy by hand"
+        raise UsageError(Notice(code="usage.copied", text=text, file=str(found)))
+    return read_robot(found), found.read_text(encoding="utf-8-sig"), None
 
 
-def _write(robot: "Robot") -> str:
-    """Return the text of the new file, which has been read back.
+def _write(robot: "Robot", assumed: Sequence[Notice]) -> str:
+    """Return the text of the new file, which has been read back; what was assumed stands at its head.
 
     Raises:
         RobotError: a robot file cannot say what the source says; the message names the source.
@@ -176,7 +229,15 @@ def _write(robot: "Robot") -> str:
     from symid.formats.toml import parse_robot
     from symid.formats.writer import write_robot
 
-    text = write_robot(robot, comment=_COMMENT.format(source=Path(robot.path).name), hints=True)
+    comment = _COMMENT.format(source=Path(robot.path).name)
+    lines = [
+        line
+        for notice in assumed
+        for line in textwrap.wrap(notice.text, _WIDTH, initial_indent="* ", subsequent_indent="  ")
+    ]
+    if lines:
+        comment = "\n".join((comment, "", _ASSUMED, *lines))
+    text = write_robot(robot, comment=comment, hints=True)
     try:
         parse_robot(text)
     except RobotError as error:

@@ -122,9 +122,9 @@ def rows_options(function: Callable[P, R]) -> Callable[P, R]:
         click.option(
             "--estimator",
             metavar="NAME",
-            help="How equations become parameters: ols, wls, gls, huber, ridge, consistent or sequential; of "
-            "--rows friction varpro, root-finding, nlp, genetic, annealing or differential-evolution.  "
-            "[default: ols, varpro]",
+            help="How equations become parameters: ols, wls, gls, huber, ridge, consistent, sequential, "
+            "output-error or instrumental; of --rows friction varpro, root-finding, nlp, genetic, annealing "
+            "or differential-evolution.  [default: ols, varpro]",
         ),
     )
     for option in options:

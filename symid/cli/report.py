@@ -1,7 +1,7 @@
 """`symid report ESTIMATE -o report.html`: what was found, on one page."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -90,11 +90,12 @@ def command(
     its curves, and the laws that were compared.
     """
     pairs = split_settings(settings)
-    given = [name for name, value in (("--robot", robot), ("--set", settings)) if value]
-    if given and not logs and not diagnose:
+    # A diagnosis reads the logs of the fit as the fit did.
+    given = [name for name, value in (("--robot", robot and not diagnose), ("--set", settings)) if value]
+    if given and not logs:
         text = (
             f"{', '.join(given)} is of the logs that --validation names, and there is none; "
-            f"give --validation LOG or --diagnose, or leave {'them' if given[1:] else 'it'} out"
+            f"give --validation LOG, or leave {'them' if given[1:] else 'it'} out"
         )
         raise UsageError(Notice(code="usage.no-validation", text=text))
     check_output(output, force=force, inputs=(estimate, *logs))
@@ -151,15 +152,26 @@ def _report_rigid(console: Console, call: _Call) -> Answer:
         check_model(tried, library.card, str(call.estimate))
         validations = _validate_logs(console, tried, library, recordings, robot)
         if call.diagnose:
-            diagnosis = _diagnose(console, tried, library, robot, described)
+            fitted = _find_robot(call, found.robot, lambda name: load_robot_of_estimate(name, found, ()))
+            diagnosis = _diagnose(console, tried, library, fitted)
+            notices = (*notices, *diagnosis.notices)
     path = write_report(call.output, found, validations, notices, origin, diagnosis=diagnosis)
     sources = [entry.source for entry in validations]
     told = (*notices, *(notice for entry in validations for notice in entry.notices))
-    answer = _answer(found.robot, path, sources, told)
+    answer = _add_processing(_answer(found.robot, path, sources, told), validations)
     if diagnosis is None:
         return answer
     result = {**answer.result, "diagnosis": describe_diagnosis(diagnosis)}
     return replace(answer, text="\n\n".join((answer.text, show_diagnosis(diagnosis))), result=result)
+
+
+def _add_processing(answer: Answer, validations: Sequence["Validation"]) -> Answer:
+    """Return the answer with how each held-out log was processed."""
+    told = [(entry.source, entry.processing) for entry in validations if entry.processing is not None]
+    lines = [f"{source}: {settled.tell()}" for source, settled in told]
+    used = [{**asdict(settled.processing), "origin": dict(settled.origin)} for _, settled in told]
+    result = {**answer.result, "processing": used}
+    return replace(answer, text="\n".join((answer.text, *lines)), result=result)
 
 
 def _validate_logs(
@@ -170,7 +182,8 @@ def _validate_logs(
     robot: "Robot",
 ) -> tuple["Validation", ...]:
     """Return what the estimate explains of each log, in the rows of the fit: like residuals compare."""
-    from symid.identification.validate import find_window, validate_estimate
+    from symid.identification.fitted_processing import find_overlap, find_window
+    from symid.identification.validate import validate_estimate
 
     found = []
     for recording in recordings:
@@ -183,22 +196,37 @@ def _validate_logs(
                 robot.processing,
                 rows=estimate.rows,
                 window=find_window(estimate.settings),
+                overlap=find_overlap(estimate.settings),
             )
         )
     return tuple(found)
 
 
-def _diagnose(
-    console: Console, estimate: "Estimate", library: "Library", robot: "Robot", described: "Robot"
-) -> "Diagnosis":
-    """Return what the logs of the fit tell, read again."""
+def _diagnose(console: Console, estimate: "Estimate", library: "Library", robot: "Robot") -> "Diagnosis":
+    """Return what the logs of the fit tell, read again with the settings of the fit and of each run."""
+    from symid.data.runs import read_recorded_runs
     from symid.elastic.motor_side import build_motor_recording
     from symid.identification.diagnosis import diagnose_estimate
 
-    read = read_logs([Path(source) for source in estimate.sources], described)
-    recordings = [build_motor_recording(entry, described) for entry in read]
+    read = read_recorded_runs(estimate.sources, estimate.settings.get("runs"), robot)
+    recordings = [build_motor_recording(entry, robot) for entry in read]
     console.progress(f"diagnosing the fit to {len(recordings)} log{'s'[: len(recordings) > 1]}")
-    return diagnose_estimate(estimate, library, recordings, robot.processing)
+    found = diagnose_estimate(estimate, library, recordings, robot.processing)
+    return replace(found, notices=(*_list_changed(estimate), *found.notices))
+
+
+def _list_changed(estimate: "Estimate") -> tuple[Notice, ...]:
+    """Return a notice for every log of the fit whose content is another one now."""
+    from symid.identification.validate import find_digest
+
+    digests = estimate.settings.get("log_digests")
+    known = digests if isinstance(digests, list | tuple) else []
+    text = "is not the file that it was when the estimate was made; identify again, or put the old one back"
+    return tuple(
+        Notice(code="diagnosis.changed-log", text=text, file=source)
+        for source, digest in zip(estimate.sources, known, strict=False)
+        if find_digest(source) != digest
+    )
 
 
 def _report_elastic(console: Console, call: _Call) -> Answer:

@@ -1,6 +1,6 @@
 """`symid simulate ROBOT -o LOG`: an experiment on the computer, logged like a real one."""
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -175,12 +175,13 @@ def _simulate_rigid(
     from symid.simulation.experiment import simulate_experiment
 
     noise = DEFAULT_NOISE if sensors.noise is None else sensors.noise
-    run = simulate_experiment(robot, library, trajectory, build_options(noise, clean=sensors.clean), rng)
+    options = replace(build_options(noise, clean=sensors.clean), controller=robot.controller)
+    run = simulate_experiment(robot, library, trajectory, options, rng)
     return _Outcome(
         recording=run.recording,
         energy_gap=run.energy_gap,
         backend=library.backend,
-        result={"noise": 0.0 if sensors.clean else noise},
+        result={"noise": 0.0 if sensors.clean else noise, "controller": asdict(run.controller)},
     )
 
 

@@ -1,5 +1,6 @@
 """`symid study NAME`: many identifications of a simulated robot with a known truth, in one table."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -26,6 +27,7 @@ _SEEDS = {"elastic": 100, "tracking": 20, "six-joints": 1}
 _FRICTION = "friction-tables"
 _PRECISION = "precision"
 _CUTOFF = "cutoff"
+_TIMED = ("elastic", _FRICTION)
 
 
 @click.command("study")
@@ -45,6 +47,11 @@ _CUTOFF = "cutoff"
     help=f"Of all random numbers.  [default: {DEFAULT_SEED}; friction-tables: {FRICTION_SEED}]",
 )
 @click.option("--jobs", type=click.IntRange(min=1), metavar="N", help="Processes; one a core by default.")
+@click.option(
+    "--times",
+    is_flag=True,
+    help="Of elastic and friction-tables: what each method took; differs in every run.",
+)
 @output_option("Of friction-tables: a page with its tables and figures.")
 @force_option
 @verb
@@ -57,6 +64,7 @@ def command(
     seeds: int | None,
     seed: int | None,
     jobs: int | None,
+    times: bool,
     output: Path | None,
     force: bool,
 ) -> Answer:
@@ -69,14 +77,14 @@ def command(
     precision ROBOT: errors of identification against the Cramer-Rao bound, on five random excitations.
     cutoff ROBOT LOG: what the cut-off of the position filter does to what a fit foretells.
     """
-    _refuse_options(name, robot, output)
+    _refuse_options(name, robot, output, times=times)
     _refuse_inputs(name, inputs)
     if name in {_CUTOFF, _PRECISION}:
         return study_identification(console, name, inputs, seeds=seeds, seed=seed, jobs=jobs)
     if name == _FRICTION:
         # Minutes before it is written: a page that cannot be is refused now.
         check_output(output, force=force)
-        return study_friction_tables(console, seeds=seeds, seed=seed, jobs=jobs, output=output)
+        return study_friction_tables(console, seeds=seeds, seed=seed, jobs=jobs, timed=times, output=output)
     described = load_robot(robot or _ROBOTS[name])
     first = DEFAULT_SEED if seed is None else seed
     numbers = range(first, first + (seeds or _SEEDS[name]))
@@ -91,7 +99,7 @@ def command(
         case "elastic":
             from symid.study.elastic_study import study_elastic
 
-            found = study_elastic(path, numbers, jobs=jobs, progress=progress)
+            found = study_elastic(path, numbers, jobs=jobs, timed=times, progress=progress)
             return Answer(text=_write_elastic(found), result=_describe_elastic(found, numbers))
         case "tracking":
             from symid.study.tracking_study import study_tracking
@@ -114,13 +122,16 @@ def _answer_many(results: Sequence["ManyJointsResult"]) -> Answer:
     )
 
 
-def _refuse_options(name: str, robot: str | None, output: Path | None) -> None:
+def _refuse_options(name: str, robot: str | None, output: Path | None, *, times: bool) -> None:
     """Raise where an option was given that the study does not read."""
     if name == _FRICTION and robot is not None:
         text = f"--robot {robot}: {_FRICTION} has joints of its own, those of the paper; leave it out"
         raise UsageError(Notice(code="usage.study-option", text=text))
     if name != _FRICTION and output is not None:
         text = f"-o {output}: only {_FRICTION} writes a page; for the results of {name} use --json"
+        raise UsageError(Notice(code="usage.study-option", text=text))
+    if times and name not in _TIMED:
+        text = f"--times: {name} measures none; {' and '.join(_TIMED)} do"
         raise UsageError(Notice(code="usage.study-option", text=text))
 
 
@@ -187,6 +198,7 @@ def _write_dataset(entry: "DatasetStudy") -> str:
             f"; Cramer-Rao: {entry.bound:.3g} % standard deviation of the least certain parameter, "
             f"{entry.spring_bound:.3g} % where the form of the springs is known"
         )
+    times = {cell.method: f"{cell.seconds:.2f}" for cell in entry.cells if math.isfinite(cell.seconds)}
     rows = [
         [
             cell.method,
@@ -195,12 +207,12 @@ def _write_dataset(entry: "DatasetStudy") -> str:
             _show(cell.hysteresis.median),
             _show(cell.hysteresis.percentile90),
             _show(cell.excited.median),
-            f"{cell.seconds:.2f}",
+            *([times[cell.method]] if times else []),
             _join(cell.choices or cell.outcomes),
         ]
         for cell in entry.cells
     ]
-    heading = ["method", "param", "90th", "hyst", "90th", "in range", "s", "outcome"]
+    heading = ["method", "param", "90th", "hyst", "90th", "in range", *(["s"] if times else []), "outcome"]
     return f"{title}\n{format_table(heading, rows)}"
 
 

@@ -82,7 +82,7 @@ def describe_residual(residual: Sequence["Residual"]) -> list[dict[str, object]]
 
 
 def show_parameters(estimate: "Estimate") -> str:
-    """Return the table of parameters, with the truth beside them where it is known."""
+    """Return the table of parameters, with the robot file's values beside them where it states them."""
     known = any(entry.truth is not None for entry in estimate.parameters)
     header = ["parameter", "value", "std", "std/%", "unit"]
     rows: list[list[object]] = [
@@ -90,7 +90,7 @@ def show_parameters(estimate: "Estimate") -> str:
         for entry in estimate.parameters
     ]
     if known:
-        header += ["true", "within 3 std"]
+        header += ["robot file", "within 3 std"]
         for row, entry in zip(rows, estimate.parameters, strict=True):
             near = None if entry.truth is None else abs(entry.value - entry.truth) <= 3.0 * entry.std
             row += [entry.truth, near]

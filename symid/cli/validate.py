@@ -1,5 +1,6 @@
 """`symid validate ROBOT ESTIMATE LOG`: what an estimate explains of a log it was not fitted to."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:  # these load numpy
     from symid.identification.estimate import Estimate
     from symid.identification.metric import BandResidual
     from symid.robot.description import Robot
+    from symid.robot.log_map import Processing
 
 __all__ = ["command"]
 
@@ -122,26 +124,28 @@ def _answer_rigid(console: Console, call: ElasticCall, band: float | None) -> An
         build_rigid_estimate,
         build_rigid_variant,
     )
+    from symid.identification.fitted_processing import settle_as_fitted
     from symid.identification.storage import read_estimate
     from symid.identification.validate import check_model, validate_estimate
 
     read = read_estimate(call.estimate)
     described = load_robot_of_estimate(call.robot, read, call.pairs)
     found = build_rigid_estimate(read, described)
-    (read_log,) = read_logs((call.log,), described)
-    recording = build_motor_recording(read_log, described)
+    recording = build_motor_recording(_read_one(call.log, described), described)
     library = load_robot_library(build_rigid_variant(described), console)
     check_model(found, library.card, str(call.estimate))
     console.progress(f"validating on {recording.source}")
+    settled = settle_as_fitted(found, described.processing, recording)
     validation = validate_estimate(found, library, recording, described.processing)
-    residual = None if band is None else _compare_band(found, library, recording, described, band)
+    residual = None if band is None else _compare_band(found, library, recording, settled.processing, band)
     reached = (residual or validation).mean_relative_percent
     errors = find_missed_gate(reached, call.gate, recording.source)
     kind = " (joints taken as rigid)" if any(described.elastic) else ""
     within = "" if band is None else f" within {band:g} Hz"
+    headline = f"{described.name}{kind} on {recording.source}{within}: mean relative residual {reached:.4f} %"
     text = "\n\n".join(
         (
-            f"{described.name}{kind} on {recording.source}{within}: mean relative residual {reached:.4f} %",
+            f"{headline}\n{settled.tell()}",
             show_residual(validation.residual) if residual is None else show_band(residual),
         )
     )
@@ -150,6 +154,7 @@ def _answer_rigid(console: Console, call: ElasticCall, band: float | None) -> An
         result={
             **describe_validation(validation),
             **({} if residual is None else {"band": describe_band(residual)}),
+            "processing": {**asdict(settled.processing), "origin": dict(settled.origin)},
             "gate": call.gate,
             "accepted": not errors,
         },
@@ -159,11 +164,20 @@ def _answer_rigid(console: Console, call: ElasticCall, band: float | None) -> An
     )
 
 
+def _read_one(path: Path, robot: "Robot") -> "Recording":
+    """Return the one recording at `path`, of which a file of runs may list no more."""
+    recordings = read_logs((path,), robot)
+    if len(recordings) > 1:
+        text = f"lists {len(recordings)} runs, and one log is tried at a time: name one of them"
+        raise UsageError(Notice(code="usage.one-log", text=text, file=str(path)))
+    return recordings[0]
+
+
 def _compare_band(
-    estimate: "Estimate", library: "Library", recording: "Recording", robot: "Robot", band: float
+    estimate: "Estimate", library: "Library", recording: "Recording", processing: "Processing", band: float
 ) -> "BandResidual":
     from symid.identification.metric import find_band_residual, predict_torques
 
     names = tuple(entry.name for entry in (*library.card.beta, *library.card.friction))
     values = estimate.assemble(names)
-    return find_band_residual(predict_torques(values, library, recording, robot.processing, band=band))
+    return find_band_residual(predict_torques(values, library, recording, processing, band=band))

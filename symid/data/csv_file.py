@@ -38,6 +38,7 @@ def read_csv(path: Path) -> RawLog:
         raise refuse_file(str(path), "the file holds no line with column names", "log.format")
     headings = [split_heading(cell) for cell in lines[0][1]]
     names = [name for name, _ in headings]
+    _check_separator(str(path), lines)
     _check_heading(str(path), lines[0][0], names)
     texts = _find_texts(names, lines[1:])
     kept = [index for index, name in enumerate(names) if name not in texts]
@@ -48,6 +49,7 @@ def read_csv(path: Path) -> RawLog:
         columns={names[index]: np.ascontiguousarray(values[:, place]) for place, index in enumerate(kept)},
         units={name: unit for name, unit in headings if unit is not None and name not in texts},
         others=texts,
+        line=lines[0][0],
     )
 
 
@@ -84,6 +86,15 @@ def _read_lines(path: Path) -> Cells:
     except csv.Error as error:
         text = f"this is not a table that can be read: {error}"
         raise refuse_file(str(path), text, "log.format") from error
+
+
+def _check_separator(file: str, lines: Cells) -> None:
+    """Refuse a table whose columns stand apart by spaces alone: names hold spaces too."""
+    first = lines[1][1] if len(lines) > 1 else [""]
+    parts = first[0].split() if len(first) == 1 else []
+    if len(lines[0][1]) == 1 and len(parts) > 1 and all(map(_is_number, parts)):
+        text = "the columns are separated by spaces; separate names and numbers by commas, semicolons or tabs"
+        raise LogError(Notice(code="log.separator", text=text, file=file, line=lines[0][0]))
 
 
 def _check_heading(file: str, line: int, names: list[str]) -> None:

@@ -7,8 +7,9 @@ Not supported: pieces from the middle.
 """
 
 from dataclasses import replace
+from typing import Any
 
-from symid.data.recording import Recording
+from symid.data.recording import OPTIONAL_CHANNELS, Recording
 from symid.errors import LogError, Notice
 
 __all__ = ["cut_ends", "cut_recording"]
@@ -42,15 +43,16 @@ def cut_ends(recording: Recording, first: int, last: int) -> Recording:
 def cut_recording(recording: Recording, kept: slice) -> Recording:
     """Return the samples `kept` of every channel."""
     count = len(recording.time)
-    velocity, motor, link = recording.velocity, recording.motor_position, recording.link_position
+    whole: dict[str, Any] = {name: getattr(recording, name) for name in OPTIONAL_CHANNELS}
+    channels: dict[str, Any] = {
+        name: None if values is None else values[kept] for name, values in whole.items()
+    }
     return replace(
         recording,
         time=recording.time[kept],
         position=recording.position[kept],
         torque=recording.torque[kept],
-        velocity=None if velocity is None else velocity[kept],
-        motor_position=None if motor is None else motor[kept],
-        link_position=None if link is None else link[kept],
+        **channels,
         extras={
             name: values[kept] if len(values) == count else values
             for name, values in recording.extras.items()

@@ -31,7 +31,7 @@ from symid.data.table import RawLog
 from symid.robot.description import Robot
 from symid.robot.log_map import LogQuantity
 
-__all__ = ["DEFAULT_NAMES", "OPTIONAL", "find_quantity", "find_time"]
+__all__ = ["CONTROL", "DEFAULT_NAMES", "OPTIONAL", "find_quantity", "find_time"]
 
 DEFAULT_NAMES = {
     "time": ("t", "time"),
@@ -40,10 +40,16 @@ DEFAULT_NAMES = {
     "torque": ("tau", "torque"),
     "motor_position": ("theta", "motor_position"),
     "link_position": ("link_position",),
+    "reference": ("q_ref", "reference"),
+    "reference_velocity": ("dq_ref", "reference_velocity"),
+    "feedforward": ("tau_ff", "feedforward"),
 }
 """Names under which a quantity is looked up where the robot file says nothing."""
 
-OPTIONAL = ("velocity", "motor_position", "link_position")
+CONTROL = ("reference", "reference_velocity", "feedforward")
+"""Quantities of the controller, which a log need not have even where the robot file names their columns."""
+
+OPTIONAL = ("velocity", "motor_position", "link_position", *CONTROL)
 """Quantities that a log need not have, unless the robot file names their columns."""
 
 
@@ -77,8 +83,9 @@ def find_quantity(
 ) -> tuple[FloatArray | None, tuple[str, ...]]:
     """Return the quantity `name` (N, n) in SI units on the joint side, and the columns used.
 
-    None if there is no such column (a mistake, except for an optional quantity that no map asks for), or
-    if it cannot be converted. `samples` is the length of the time column, where that is known.
+    None if there is no such column (a mistake, except for an optional quantity that no map asks for, and
+    for those of the controller), or if it cannot be converted. `samples` is the length of the time column,
+    where that is known.
     """
     asked: LogQuantity | None = getattr(robot.log, name)
     names = asked.columns if asked else _find_default_names(raw, name)
@@ -86,6 +93,11 @@ def find_quantity(
         return None, ()
     if asked is None and not _check_joint_numbers(raw, robot, name, names, findings):
         return None, names
+    lacking = [column for column in names if column not in raw.columns]
+    if name in CONTROL and lacking:
+        text = f"{_describe_missing(raw, lacking[0], name)}; only output error needs it"
+        findings.remark("log.no-reference", text)
+        return None, ()
     array = _stack_columns(raw, names, name, findings, asked=asked is not None)
     if array is not None:
         array = _orient(array, samples, name, names, findings)
@@ -126,7 +138,7 @@ def _find_default_names(raw: RawLog, name: str) -> tuple[str, ...]:
 def _is_free(raw: RawLog, robot: Robot, names: tuple[str, ...]) -> bool:
     """Return whether the columns are there, and the robot file reads none of them as something else."""
     log = robot.log
-    quantities = (log.time, log.position, log.velocity, log.torque, log.motor_position, log.link_position)
+    quantities: list[LogQuantity | None] = [getattr(log, name) for name in DEFAULT_NAMES]
     claimed = {column for entry in quantities if entry is not None for column in entry.columns}
     return all(column in raw.columns and column not in claimed for column in names)
 

@@ -20,7 +20,7 @@ from symid.data.hdf5_file import read_hdf5
 from symid.data.mat_file import read_mat
 from symid.data.npz_file import read_npz
 from symid.data.presets import apply_preset
-from symid.data.quantities import find_quantity, find_time
+from symid.data.quantities import CONTROL, find_quantity, find_time
 from symid.data.recording import Recording
 from symid.data.signals import describe_too_short, describe_uneven, find_least_samples, settle_processing
 from symid.data.table import RawLog, refuse_file
@@ -42,6 +42,9 @@ READERS: dict[str, Callable[[Path], RawLog]] = {
 
 _ENCODERS = ("motor_position", "link_position")
 
+_LARGEST = 1e100
+"""Of what a sensor can have measured; squares of larger values overflow."""
+
 
 def read_recording(path: Path, robot: Robot, *, uneven: bool = False) -> Recording:
     """Return the recording in the log at `path`, as the robot's `[log]` map reads it.
@@ -61,11 +64,11 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False) -> Recordi
     samples = None if time is None else len(time)
     values: dict[str, FloatArray | None] = {}
     columns: dict[str, tuple[str, ...]] = {}
-    for name in ("position", "velocity", "torque", *_ENCODERS):
+    for name in ("position", "velocity", "torque", *_ENCODERS, *CONTROL):
         values[name], columns[name] = find_quantity(raw, robot, name, samples, findings)
     if values["position"] is None:
         _explain_side(columns, findings)
-    # A velocity stops nothing: no stage uses it.
+    # A velocity stops nothing: no stage uses it. What a controller was asked to do, few stages.
     needed = (column for name in ("position", "torque", *_ENCODERS) for column in columns[name])
     _check_numbers(raw, (*used, *needed), findings)
     _check_encoders(columns, findings)
@@ -84,6 +87,9 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False) -> Recordi
         velocity=values["velocity"],
         motor_position=values["motor_position"],
         link_position=values["link_position"],
+        reference=values["reference"],
+        reference_velocity=values["reference_velocity"],
+        feedforward=values["feedforward"],
         torque=torque,
         source=str(path),
         notices=tuple(findings.remarks),
@@ -167,12 +173,13 @@ def _check_numbers(raw: RawLog, used: tuple[str, ...], findings: Findings) -> No
         column = raw.columns.get(name)
         if column is None:
             continue
-        bad = np.argwhere(~np.isfinite(np.atleast_1d(column)))
+        bad = np.argwhere(~(np.abs(np.atleast_1d(column)) <= _LARGEST))
         if len(bad):
             first = int(bad[0, 0])
             place = f"sample {first}" + (f", column {int(bad[0, 1])}" if bad.shape[1] > 1 else "")
             text = (
-                f"{name!r} holds {len(bad)} values that are no numbers (NaN, infinite); the first at {place}"
+                f"{name!r} holds {len(bad)} values that are no numbers (NaN, infinite, beyond {_LARGEST:g}); "
+                f"the first at {place}"
             )
             findings.refuse("log.not-finite", f"{text}, counted from 0; cut or repair the log there")
 

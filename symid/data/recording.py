@@ -9,7 +9,17 @@ from dataclasses import dataclass, field
 from symid.arrays import FloatArray, freeze
 from symid.errors import Notice
 
-__all__ = ["Recording", "RunSettings", "Signals"]
+__all__ = ["OPTIONAL_CHANNELS", "Recording", "RunSettings", "Signals"]
+
+OPTIONAL_CHANNELS = (
+    "velocity",
+    "motor_position",
+    "link_position",
+    "reference",
+    "reference_velocity",
+    "feedforward",
+)
+"""Channels of a recording that are None where the log does not have them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,6 +54,8 @@ class Recording:
             `position`, which is then that of the links.
         link_position: (N, n) q, rad or m, where the log has link encoders besides `position`, which is then
             that of the motors. At most one of the two is there.
+        reference: (N, n) rad or m, what the controller was to follow, where the log has it;
+            reference_velocity: (N, n) its velocity; feedforward: (N, n) N m or N, added to its torque.
         source: the file it was read from, or what made it.
         notices: what a reader should know: conversions made, columns not used.
         extras: numeric columns of the log that are none of these, as logged.
@@ -56,6 +68,9 @@ class Recording:
     velocity: FloatArray | None = None
     motor_position: FloatArray | None = None
     link_position: FloatArray | None = None
+    reference: FloatArray | None = None
+    reference_velocity: FloatArray | None = None
+    feedforward: FloatArray | None = None
     source: str = ""
     notices: tuple[Notice, ...] = ()
     extras: Mapping[str, FloatArray] = field(default_factory=dict)
@@ -65,7 +80,7 @@ class Recording:
         """Copy the arrays and make them read-only."""
         for name in ("time", "position", "torque"):
             object.__setattr__(self, name, freeze(getattr(self, name)))
-        for name in ("velocity", "motor_position", "link_position"):
+        for name in OPTIONAL_CHANNELS:
             values = getattr(self, name)
             if values is not None:
                 object.__setattr__(self, name, freeze(values))

@@ -13,6 +13,7 @@ Not supported: several pieces at once: cut the log into files.
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ from symid.arrays import FloatArray
 from symid.data.findings import Findings
 from symid.data.presets import apply_preset
 from symid.data.quantities import find_time
-from symid.data.recording import Recording
+from symid.data.recording import OPTIONAL_CHANNELS, Recording
 from symid.data.signals import describe_uneven
 from symid.data.table import RawLog
 from symid.errors import LogError, Notice
@@ -72,7 +73,7 @@ def find_resampling(time: FloatArray, file: str = "") -> Resampling:
     Raises:
         LogError: fewer than four samples are left.
     """
-    onward = np.flatnonzero(np.append(True, time[1:] > np.maximum.accumulate(time)[:-1]))
+    onward = np.flatnonzero(np.append(True, time[1:] > np.maximum.accumulate(time)[:-1])[: len(time)])
     steps = np.diff(time[onward])
     if len(onward) < _FEWEST:
         text = f"only {len(onward)} of {len(time)} samples have a time of their own: nothing can be resampled"
@@ -118,14 +119,13 @@ def resample_recording(recording: Recording, plan: Resampling) -> Recording:
     def move(values: FloatArray | None) -> FloatArray | None:
         return None if values is None else plan.move(values)
 
+    channels: dict[str, Any] = {name: move(getattr(recording, name)) for name in OPTIONAL_CHANNELS}
     return replace(
         recording,
         time=plan.after,
         position=plan.move(recording.position),
         torque=plan.move(recording.torque),
-        velocity=move(recording.velocity),
-        motor_position=move(recording.motor_position),
-        link_position=move(recording.link_position),
+        **channels,
         notices=(*recording.notices, describe_resampling(plan, recording.source)),
         extras={},
     )

@@ -43,7 +43,15 @@ from symid.formats.section import (
 from symid.formats.text_file import read_text_file
 from symid.robot.description import Robot
 
-__all__ = ["check_one_payload", "describe_runs", "find_weights", "list_files", "read_log_runs", "read_runs"]
+__all__ = [
+    "check_one_payload",
+    "describe_runs",
+    "find_weights",
+    "list_files",
+    "read_log_runs",
+    "read_recorded_runs",
+    "read_runs",
+]
 
 _SUFFIX = ".toml"
 _KEYS = ("file", "weight", "drop_first", "drop_last", "payload", "offset")
@@ -159,8 +167,11 @@ def _apply(recording: Recording, run: RunSettings) -> Recording:
         added = ", ".join(f"{value:.10g}" for value in run.offset)
         text = f"{added} was added to the positions, as the run asks for"
         notice = Notice(code="log.offset", text=text, file=recording.source)
-        moved = cut.position + np.array(run.offset)
-        cut = replace(cut, position=moved, notices=(*cut.notices, notice))
+        offset = np.array(run.offset)
+        reference = None if cut.reference is None else cut.reference + offset
+        cut = replace(
+            cut, position=cut.position + offset, reference=reference, notices=(*cut.notices, notice)
+        )
     return replace(cut, run=run)
 
 
@@ -176,6 +187,62 @@ def describe_runs(recordings: Sequence[Recording]) -> dict[str, object]:
     if not any(runs):
         return {}
     return {"runs": [{} if run is None else asdict(run) for run in runs]}
+
+
+def read_recorded_runs(sources: Sequence[str], told: object, robot: Robot) -> tuple[Recording, ...]:
+    """Return the recordings behind a result, read again with the settings of their runs.
+
+    Args:
+        sources: the files, one a run, in the order of the fit.
+        told: what `describe_runs` put into the result under "runs"; None where it put nothing.
+        robot: its `[log]` map says which column is what.
+
+    Raises:
+        LogError: with what is wrong with any log, or with `told`.
+    """
+    runs = _restore_runs(sources, told, robot.freedom)
+    recordings: list[Recording] = []
+    notices: list[Notice] = []
+    for source, run in zip(sources, runs, strict=True):
+        try:
+            recording = read_recording(Path(source), robot)
+            recordings.append(recording if run is None else _apply(recording, run))
+        except LogError as error:
+            notices += error.notices
+    if notices:
+        raise LogError(*notices)
+    return tuple(recordings)
+
+
+def _restore_runs(sources: Sequence[str], told: object, size: int) -> list[RunSettings | None]:
+    if told is None:
+        return [None] * len(sources)
+    entries: list[Any] = list(told) if isinstance(told, list | tuple) else []
+    found = [_restore_run(entry, size) if entry else None for entry in entries]
+    if len(entries) != len(sources) or any(
+        entry and not run for entry, run in zip(entries, found, strict=True)
+    ):
+        text = (
+            f"the settings of the runs cannot be used: expected one table for each of {len(sources)} logs, "
+            f"with {', '.join(_KEYS)}, got {told!r}; identify again"
+        )
+        raise LogError(Notice(code="runs.settings", text=text))
+    return found
+
+
+def _restore_run(entry: object, size: int) -> RunSettings | None:
+    """Return the settings of a run as `describe_runs` told them, None where that is not what `entry` is."""
+    if not isinstance(entry, dict) or set(entry) != set(_KEYS):
+        return None
+    offset = entry["offset"]
+    usable = (
+        all(isinstance(entry[key], str) for key in ("file", "payload"))
+        and all(type(entry[key]) is int and entry[key] >= 0 for key in ("drop_first", "drop_last"))
+        and isinstance(offset, list | tuple)
+        and len(offset) in (1, size)
+        and all(type(value) in (int, float) for value in (entry["weight"], *offset))
+    )
+    return RunSettings(**{**entry, "offset": tuple(map(float, offset))}) if usable else None
 
 
 def check_one_payload(recordings: Sequence[Recording]) -> None:

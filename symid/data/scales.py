@@ -35,6 +35,10 @@ _DIMENSIONS = {
     "torque": {JointKind.REVOLUTE: "torque", JointKind.PRISMATIC: "force"},
 }
 _DIMENSIONS["motor_position"] = _DIMENSIONS["link_position"] = _DIMENSIONS["position"]
+_DIMENSIONS["reference"] = _DIMENSIONS["position"]
+_DIMENSIONS["reference_velocity"] = _DIMENSIONS["velocity"]
+_DIMENSIONS["feedforward"] = _DIMENSIONS["torque"]
+_TORQUES = ("torque", "feedforward")
 # A factor may have any of these on the raw side: encoder counts, sensor and command voltages.
 _CONVERTIBLE = ("number", "voltage", "current")
 
@@ -143,7 +147,7 @@ def find_scale(
         return None
     geared = is_motor_side(asked) and not coupled
     gear = np.array([joint.drive.gear for joint in joints]) if geared else np.ones(len(joints))
-    turned = gear if name == "torque" else 1.0 / gear
+    turned = gear if name in _TORQUES else 1.0 / gear
     return np.broadcast_to(np.array(factor), (len(joints),)) * to_si * turned
 
 
@@ -161,7 +165,7 @@ def is_other_dimension(name: str, unit: str, joints: tuple[Joint, ...]) -> bool:
 def turn_motors(name: str, values: FloatArray, matrix: Matrix) -> FloatArray:
     """Return what the motors do (N, n) as what the joints do: T^-1 for motions, T' for torques."""
     rows = np.array(matrix)
-    turned: FloatArray = values @ rows if name == "torque" else np.linalg.solve(rows, values.T).T
+    turned: FloatArray = values @ rows if name in _TORQUES else np.linalg.solve(rows, values.T).T
     return np.ascontiguousarray(turned)
 
 
@@ -177,7 +181,7 @@ def describe_scale(
     """Return in words what was done to the columns, and where that comes from."""
     text = f"in {unit} was multiplied by {_list_values(scale)}"
     if matrix is not None:
-        what = "the transpose" if name == "torque" else "the inverse"
+        what = "the transpose" if name in _TORQUES else "the inverse"
         condition = find_condition(matrix) or np.inf
         text += f" and {what} of the transmission matrix (motor side; its condition is {condition:.3g})"
     elif is_motor_side(asked):
@@ -192,7 +196,7 @@ def _explain_currents(name: str, unit: str, scale: FloatArray, joints: tuple[Joi
     constants = np.array([joint.drive.torque_constant or 0.0 for joint in joints])
     gears = np.array([joint.drive.gear for joint in joints])
     dimension, to_si = find_unit_factor(unit)
-    known = name == "torque" and dimension == "current"
+    known = name in _TORQUES and dimension == "current"
     if not known or not np.allclose(scale, to_si * gears * constants, 1e-12, 0):
         return ""
     return f" (torque constant {_list_values(constants)} N m/A times gear {_list_gears(joints)})"

@@ -1,6 +1,6 @@
 """From a recording to states and torques: filter, differentiate, cut the ends, decimate.
 
-Input: `Recording`, `Processing`. Output: `Signals` at full rate; matrices of fewer rows.
+Input: `Recording`, `Processing`. Output: `Signals` at full rate; matrices of fewer rows, whole or in blocks.
 
     Recording -> position filtered -> velocity, acceleration -> ends cut -> Signals
 
@@ -11,6 +11,7 @@ Not supported: a logged velocity instead of the differentiated position.
 """
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -22,6 +23,7 @@ from symid.errors import LogError, Notice
 from symid.robot.log_map import Decimation, Processing
 
 __all__ = [
+    "decimate_blocks",
     "decimate_columns",
     "describe_too_short",
     "describe_uneven",
@@ -30,6 +32,10 @@ __all__ = [
     "settle_processing",
 ]
 
+_BLOCK = 16384
+"""Samples of a block, besides those that its ends need; more where the filter is long."""
+_FORGOTTEN = 1e-17
+"""What is left of a filter's answer to where it began, when it has settled."""
 _ROW_RATE = 100.0
 """Rows a second, in Hz, where the settings leave it open: ten times what robots move at, and more."""
 _GAP = 1.5
@@ -97,6 +103,59 @@ def decimate_columns(matrix: FloatArray, decimation: Decimation) -> FloatArray:
         LogError: too few rows for the filter.
     """
     return decimate(matrix, decimation)
+
+
+def decimate_blocks(
+    evaluate: Callable[[slice], FloatArray], samples: int, decimation: Decimation
+) -> Iterator[tuple[slice, FloatArray]]:
+    """Yield, block by block, the rows that `decimate_columns` keeps of all samples, and which they are.
+
+    A block is filtered with so many samples before and after it that the filter has forgotten where it began
+    and ended; at the ends of the log nothing differs. So the rows are the same up to rounding, and samples
+    never stand in memory but for one block.
+
+    Args:
+        evaluate: gives the values (k, ...) of a slice of samples.
+        samples: how many there are.
+        decimation: of the rows.
+
+    Raises:
+        LogError: too few rows for the filter.
+    """
+    factor = decimation.factor
+    if factor == 1:
+        for start in range(0, samples, _BLOCK):
+            part = slice(start, min(samples, start + _BLOCK))
+            yield part, evaluate(part)
+        return
+    reach = _find_reach(decimation)
+    # Rows are counted from the last one, which is the last sample, as `decimate` counts them.
+    kept = -(-samples // factor)
+    first = samples - 1 - factor * (kept - 1)
+    step = max(1, max(_BLOCK, 2 * reach * factor) // factor)
+    for start in range(0, kept, step):
+        stop = min(kept, start + step)
+        last = min(kept, stop + reach)
+        # A stretch that begins within the reach of the log's beginning begins there.
+        begin = max(0, first + factor * (start - reach))
+        values = evaluate(slice(begin, first + factor * (last - 1) + 1))
+        # Filters copy what they filter several times over: one joint at a time is enough.
+        parts = [values] if values.ndim < 3 else [values[:, index] for index in range(values.shape[1])]
+        rows = [decimate_columns(part, decimation) for part in parts]
+        away = last - len(rows[0])
+        kept_rows = [part[start - away : stop - away] for part in rows]
+        yield slice(start, stop), kept_rows[0] if values.ndim < 3 else np.stack(kept_rows, axis=1)
+
+
+def _find_reach(decimation: Decimation) -> int:
+    """Return how many rows the filter takes to forget where it began."""
+    from scipy.signal import cheby1
+
+    _, poles, _ = cheby1(
+        decimation.order, decimation.ripple_db, decimation.band / decimation.factor, output="zpk"
+    )
+    slowest = float(np.abs(poles).max())
+    return math.ceil(math.log(_FORGOTTEN) / math.log(slowest) / decimation.factor) + decimation.order
 
 
 def find_least_samples(processing: Processing) -> int:

@@ -21,12 +21,14 @@ _INDEX = re.compile(r"\S\[\d+\]$")
 class RawLog:
     """Numeric columns by name, (N,) or (N, k), with the units that the file itself states.
 
-    `others` are the names of what is in the file and is not a column of real numbers.
+    `others` are the names of what is in the file and is not a column of real numbers; `line` is the line of
+    the file that names the columns, 0 where there is none.
     """
 
     columns: Mapping[str, FloatArray]
     units: Mapping[str, str] = field(default_factory=dict)
     others: tuple[str, ...] = ()
+    line: int = 0
 
 
 def convert_column(values: object) -> FloatArray | None:
@@ -47,7 +49,7 @@ def split_heading(heading: str) -> tuple[str, str | None]:
     """
     text = heading.strip()
     if text.endswith("]") and "[" in text and not _INDEX.search(text):
-        name, _, unit = text[:-1].partition("[")
+        name, _, unit = text[:-1].rpartition("[")
         return name.strip(), unit.strip()
     return text, None
 

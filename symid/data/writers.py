@@ -2,8 +2,8 @@
 
 Input: `Recording` and the robot, or `RawLog`. Output: a .npz or .csv file, written whole or not at all.
 
-Supported: time, position, velocity and second encoder where there are such, torque, in SI units with the
-units stated.
+Supported: time, position, torque, and velocity, second encoder and the controller's reference where there are
+such, in SI units with the units stated.
 Not supported: extras; they belong to the file they were read from.
 """
 
@@ -28,6 +28,8 @@ from symid.robot.description import JointKind, Robot
 
 __all__ = ["write_log", "write_recording"]
 
+_LIKE = {"link_position": "q", "q_ref": "q", "dq_ref": "dq", "tau_ff": "tau"}
+"""Columns that have the units of others."""
 _MODE = 0o644
 """Rights of a log, less those that the user's umask withholds; temporary files have fewer."""
 
@@ -99,13 +101,19 @@ def _list_quantities(recording: Recording) -> list[tuple[str, FloatArray]]:
         found.insert(1, ("dq", recording.velocity))
     if recording.motor_position is not None:
         found.append(("theta", recording.motor_position))
-    if recording.link_position is not None:
-        found.append(("link_position", recording.link_position))
+    for name, values in (
+        ("link_position", recording.link_position),
+        ("q_ref", recording.reference),
+        ("dq_ref", recording.reference_velocity),
+        ("tau_ff", recording.feedforward),
+    ):
+        if values is not None:
+            found.append((name, values))
     return found
 
 
 def _find_units(name: str, robot: Robot) -> tuple[str, ...]:
-    name = "q" if name == "link_position" else name
+    name = _LIKE.get(name, name)
     return tuple(find_unit(name, prismatic=joint.kind is JointKind.PRISMATIC) for joint in robot.axes)
 
 

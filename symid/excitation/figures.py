@@ -3,8 +3,6 @@
 Input: a robot, a problem. Output: `Judge`: condition number and information of any series of the problem.
 
 The search looks at a coarse grid and at friction with a slope; its figures compare series, these are stated.
-
-The search looks at a coarse grid and at friction with a slope; its figures compare series, these are told.
 """
 
 from typing import final

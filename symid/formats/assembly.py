@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from symid.errors import RobotError
+from symid.formats.controller import read_controller
 from symid.formats.forms import Symbols, read_form
 from symid.formats.joint_friction import FRICTION_PARAMETERS
 from symid.formats.joints import read_joints
@@ -42,6 +43,7 @@ _KEYS = (
     "coupling",
     "log",
     "processing",
+    "controller",
 )
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 # Letters of coordinates, functions and parameters would read as something else in a formula.
@@ -73,6 +75,7 @@ def build_robot(root: Section, file: str) -> Robot:
     name = _read_name(root, Path(file).stem)
     texts = {key: read_text(root, key) or "" for key in ("description", "source")}
     processing = read_processing(root)
+    controller = read_controller(root, mechanism.joints)
     if root.report.errors:
         raise RobotError(*root.report.notices())
     _warn_of_unused_symbols(root, symbols)
@@ -87,6 +90,7 @@ def build_robot(root: Section, file: str) -> Robot:
         couplings=mechanism.couplings,
         log=log,
         processing=processing,
+        controller=controller,
         path=file,
         notices=root.report.remarks(),
     )

@@ -18,21 +18,29 @@ from symid.units import find_unit_factor, nearest_units
 
 __all__ = ["read_quantity", "read_unit"]
 
-_POSITIONS = ("position", "motor_position", "link_position")
+_POSITIONS = ("position", "motor_position", "link_position", "reference")
 
 _NATURAL = {
     "position": {JointKind.REVOLUTE: "angle", JointKind.PRISMATIC: "length"},
     "velocity": {JointKind.REVOLUTE: "angular velocity", JointKind.PRISMATIC: "velocity"},
     "torque": {JointKind.REVOLUTE: "torque", JointKind.PRISMATIC: "force"},
 }
-_NATURAL["motor_position"] = _NATURAL["link_position"] = _NATURAL["position"]
+# Quantities that are read like another one.
+_LIKE = {
+    "motor_position": "position",
+    "link_position": "position",
+    "reference": "position",
+    "reference_velocity": "velocity",
+    "feedforward": "torque",
+}
+_NATURAL |= {name: _NATURAL[other] for name, other in _LIKE.items()}
 # What a factor may turn into the quantity: encoder counts, sensor voltages, motor angles of a spindle.
 _CONVERTIBLE = {
     "position": ("angle", "length", "voltage", "number"),
     "velocity": ("angular velocity", "velocity", "voltage", "number"),
     "torque": ("torque", "force", "voltage", "current", "number"),
 }
-_CONVERTIBLE["motor_position"] = _CONVERTIBLE["link_position"] = _CONVERTIBLE["position"]
+_CONVERTIBLE |= {name: _CONVERTIBLE[other] for name, other in _LIKE.items()}
 _TURNED = {name: ("SI", *kinds.values()) for name, kinds in _NATURAL.items()}
 
 
@@ -43,7 +51,8 @@ def read_quantity(
 
     Args:
         table: the `[log]` table.
-        name: "position", "velocity", "torque", "motor_position" or "link_position".
+        name: "position", "velocity", "torque", "motor_position", "link_position", "reference",
+            "reference_velocity" or "feedforward".
         joints: those that have a coordinate of their own.
         coupled: whether the log has a transmission matrix, in place of gear ratios.
     """

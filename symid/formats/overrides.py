@@ -3,7 +3,7 @@
 Input: a robot, and texts such as ("processing.filter_cutoff", "50"). Output: the robot with them,
 checked like the file itself.
 
-Supported: everything under `log` and `processing`, and one friction model for all joints.
+Supported: everything under `log`, `processing` and `controller`, and one friction model for all joints.
 Not supported: geometry, drives and link values; they belong into the file.
 """
 
@@ -14,6 +14,7 @@ from decimal import Decimal
 from typing import Any
 
 from symid.errors import Notice, RobotError, UsageError
+from symid.formats.controller import list_controller, read_controller
 from symid.formats.joint_friction import FRICTION_PARAMETERS, FRICTION_SHAPES
 from symid.formats.positions import KeyPath, Place, Places
 from symid.formats.section import Report, Section, find_nearest
@@ -24,6 +25,7 @@ from symid.units import find_unit_factor
 __all__ = ["override_robot"]
 
 _LONGEST_KEY = 3
+_TABLES = ("log", "processing", "controller")
 
 
 def override_robot(robot: Robot, settings: Sequence[tuple[str, str]], friction: str | None = None) -> Robot:
@@ -31,8 +33,8 @@ def override_robot(robot: Robot, settings: Sequence[tuple[str, str]], friction: 
 
     Args:
         robot: as read from its file.
-        settings: pairs of a dotted key below `log` or `processing`, or "friction", and a value as
-            in TOML; a text needs no quotes, a list no brackets.
+        settings: pairs of a dotted key below `log`, `processing` or `controller`, or "friction", and a
+            value as in TOML; a text needs no quotes, a list no brackets.
         friction: the name of a friction model for all joints that follow no other. What the file knows
             of the values is dropped wherever the model differs.
 
@@ -44,6 +46,8 @@ def override_robot(robot: Robot, settings: Sequence[tuple[str, str]], friction: 
     kinds += [value for key, value in settings if key == "friction"]
     pairs = [(key, value) for key, value in settings if key != "friction"]
     values: dict[str, Any] = {"log": list_log(robot.log), "processing": list_processing(robot.processing)}
+    if robot.controller is not None:
+        values["controller"] = list_controller(robot.controller)
     places: dict[KeyPath, Place] = {}
     for key, value in pairs:
         path = _split_key(key)
@@ -61,7 +65,8 @@ def _read_again(robot: Robot, values: Mapping[str, Any], places: Mapping[KeyPath
     report = Report(Places(keys=places, values=places, whole=Place("--set", 0, 0)))
     root = Section(values=values, path=(), report=report)
     log = read_log(root, robot.axes) if values["log"] else robot.log
-    changed = replace(robot, log=log, processing=read_processing(root))
+    processing, controller = read_processing(root), read_controller(root, robot.axes)
+    changed = replace(robot, log=log, processing=processing, controller=controller)
     if report.errors:
         raise RobotError(*report.notices())
     return changed
@@ -69,11 +74,12 @@ def _read_again(robot: Robot, values: Mapping[str, Any], places: Mapping[KeyPath
 
 def _split_key(key: str) -> tuple[str, ...]:
     path = tuple(key.split("."))
-    if path[0] not in ("log", "processing") or not 1 < len(path) <= _LONGEST_KEY or not all(path):
-        hint = find_nearest(path[0], ("log", "processing", "friction"))
+    if path[0] not in _TABLES or not 1 < len(path) <= _LONGEST_KEY or not all(path):
+        hint = find_nearest(path[0], (*_TABLES, "friction"))
         text = (
-            f"'{key}' cannot be set here; {hint + ' ' if hint else ''}allowed are friction, processing.KEY "
-            "and log.QUANTITY.KEY, such as processing.filter_cutoff=50; all else belongs into the robot file"
+            f"'{key}' cannot be set here; {hint + ' ' if hint else ''}allowed are friction, processing.KEY, "
+            "controller.KEY and log.QUANTITY.KEY, such as processing.filter_cutoff=50; all else belongs into "
+            "the robot file"
         )
         raise UsageError(Notice(code="usage.bad-setting", text=text, file=f"--set {key}"))
     return path

@@ -42,7 +42,17 @@ _PROCESSING = (
     "decimation",
 )
 _FREEDOMS = ("band", "parameters", "one")
-_QUANTITIES = ("time", "position", "velocity", "torque", "motor_position", "link_position")
+_QUANTITIES = (
+    "time",
+    "position",
+    "velocity",
+    "torque",
+    "motor_position",
+    "link_position",
+    "reference",
+    "reference_velocity",
+    "feedforward",
+)
 _TRANSMISSION = "transmission"
 _PRESETS = ("symid", "ros", "ur-rtde", "franka")
 _NONE = "none"
@@ -98,11 +108,7 @@ def read_log(root: Section, joints: Sequence[Joint]) -> LogMap:
     coupled = _TRANSMISSION in table.values
     return LogMap(
         time=_read_time(table),
-        position=read_quantity(table, "position", joints, coupled=coupled),
-        velocity=read_quantity(table, "velocity", joints, coupled=coupled),
-        torque=read_quantity(table, "torque", joints, coupled=coupled),
-        motor_position=read_quantity(table, "motor_position", joints, coupled=coupled),
-        link_position=read_quantity(table, "link_position", joints, coupled=coupled),
+        **{name: read_quantity(table, name, joints, coupled=coupled) for name in _QUANTITIES[1:]},
         transmission=read_transmission(table, joints),
         preset=read_choice(table, "preset", _PRESETS),
     )

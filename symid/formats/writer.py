@@ -15,10 +15,11 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
+from symid.formats.controller import list_controller
 from symid.formats.joint_friction import FRICTION_PARAMETERS, FRICTION_SHAPES
-from symid.formats.settings import list_log, list_processing
 from symid.formats.written_elasticity import write_elasticity
-from symid.formats.written_hints import list_hints
+from symid.formats.written_hints import list_drive_hints, list_hints, list_limit_hints
+from symid.formats.written_settings import write_settings
 from symid.formats.written_values import (
     add_comment,
     write_exact,
@@ -36,7 +37,6 @@ from symid.robot.axis_frames import invert_placement
 from symid.robot.description import Coupling, Drive, FrictionKind, FrictionValues, Joint, JointKind, Robot
 from symid.robot.geometry import IDENTITY, Placement, compose_placements
 from symid.robot.inertia import find_impossibility, move_parameters
-from symid.robot.log_map import LogMap, Processing
 
 __all__ = ["write_robot"]
 
@@ -67,7 +67,7 @@ def write_robot(robot: Robot, *, comment: str = "", hints: bool = False) -> str:
     if robot.symbols:
         lines += ["", "[symbols]", *(f"{name} = {write_number(value)}" for name, value in robot.symbols)]
     for index, joint in enumerate(robot.joints):
-        lines += ["", *_write_joint(robot, index, placed[index], first=index == 0)]
+        lines += ["", *_write_joint(robot, index, placed[index], first=index == 0, hints=hints)]
         if hints:
             lines += list_hints(joint)
     for coupling in robot.couplings:
@@ -128,7 +128,9 @@ _PLACING = {
 }
 
 
-def _write_joint(robot: Robot, index: int, placed: dict[str, str], *, first: bool) -> Iterator[str]:
+def _write_joint(
+    robot: Robot, index: int, placed: dict[str, str], *, first: bool, hints: bool
+) -> Iterator[str]:
     joint = robot.joints[index]
     yield "[[joint]]"
     yield f"name = {write_value(joint.name)}"
@@ -144,9 +146,13 @@ def _write_joint(robot: Robot, index: int, placed: dict[str, str], *, first: boo
     prismatic = joint.kind is JointKind.PRISMATIC
     yield from _write_link(joint, dict(robot.symbols))
     yield from _write_drive(joint.drive)
+    if hints:
+        yield from list_drive_hints(joint)
     yield from _write_friction("joint", joint.friction)
     yield from _write_springs(joint, prismatic=prismatic)
     yield from _write_limits(joint, prismatic=prismatic)
+    if hints:
+        yield from list_limit_hints(joint)
 
 
 def _write_link(joint: Joint, symbols: Mapping[str, float]) -> Iterator[str]:
@@ -284,12 +290,7 @@ def _write_coupling(robot: Robot, coupling: Coupling) -> Iterator[str]:
 
 
 def _write_settings(robot: Robot) -> Iterator[str]:
-    if robot.log != LogMap():
-        yield from (
-            "",
-            "[log]",
-            *(f"{key} = {write_value(entry)}" for key, entry in list_log(robot.log).items()),
-        )
-    if robot.processing != Processing(automatic=True):
-        settings = list_processing(robot.processing).items()
-        yield from ("", "[processing]", *(f"{key} = {write_value(entry)}" for key, entry in settings))
+    yield from write_settings(robot)
+    if robot.controller is not None:
+        gains = list_controller(robot.controller).items()
+        yield from ("", "[controller]", *(f"{key} = {write_value(entry)}" for key, entry in gains))

@@ -6,6 +6,7 @@ Supported: torque, momentum and filtered rows of any number.
 Not supported: rows of all joints together, whose covariance needs every residual.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,7 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.identification.condensation import Condensed, find_square_sums, solve_condensed
 
-__all__ = ["CondensedFit", "find_weights", "fit_condensed"]
+__all__ = ["CondensedFit", "find_weights", "fit_condensed", "settle_weights"]
 
 _ROUNDS = 30
 _SETTLED = 1e-6
@@ -49,13 +50,24 @@ def find_weights(condensed: Condensed, basis: FloatArray, used: int) -> FloatArr
         basis: (p, r) directions that they see.
         used: parameters that the scatter of a group is corrected for, where it has more rows than that.
     """
+    return settle_weights(condensed, lambda weights: solve_condensed(condensed, basis, weights).values, used)
+
+
+def settle_weights(condensed: Condensed, solve: Callable[[FloatArray], FloatArray], used: int) -> FloatArray:
+    """Return weights (g,) as `find_weights` does, of any estimator.
+
+    Args:
+        condensed: the equations that leave residuals.
+        solve: from weights (g,) to parameters (p,).
+        used: as in `find_weights`.
+    """
     counts = condensed.counts
     divisor = np.where(counts > used, counts - used, np.maximum(counts, 1))
     # A joint that is explained to the last bit must not outweigh all others by 1e16.
     floor = 1e-9 * np.linalg.norm(condensed.factors[:, :, -1]) / np.sqrt(counts.sum())
     weights = np.ones(len(counts))
     for _ in range(_ROUNDS):
-        values = solve_condensed(condensed, basis, weights).values
+        values = solve(weights)
         scatter = np.maximum(np.sqrt(find_square_sums(condensed, values) / divisor), floor)
         before, weights = weights, 1.0 / scatter
         if np.abs(weights / before - 1.0).max() < _SETTLED:

@@ -5,6 +5,7 @@ Input: processing that leaves them open, recordings. Output: `FilterChoice`.
     band     b = min(what the rule of the sample rate keeps, clean bands of joints that move), 5 Hz at least
     rows     one sample in r = 0.8 (rate / 2) / b, so that decimation lets pass what lies below b
     cut-off  min(5 b, 0.4 rate): high enough that it damps nothing that the rows keep
+    windows  of momentum rows as long as rows are apart, so that they keep the same band
 
 The clean band of a joint ends where the noise of its encoder, differentiated twice, is a hundredth of its
 acceleration (`spectra`): such noise enters the columns, not the torque, and moves parameters towards zero.
@@ -22,10 +23,11 @@ from symid.data.recording import Recording
 from symid.data.signals import settle_processing
 from symid.errors import Notice
 from symid.identification.identifiability import find_resting_joints
+from symid.identification.rows import WINDOW
 from symid.identification.spectra import NOISE_SHARE, find_bands
 from symid.robot.log_map import Processing
 
-__all__ = ["FilterChoice", "choose_filters"]
+__all__ = ["FilterChoice", "choose_filters", "choose_window"]
 
 _LEAST_BAND = 5.0
 """Hz that are always kept: robots move there."""
@@ -65,6 +67,19 @@ def choose_filters(processing: Processing, recordings: Sequence[Recording]) -> F
     cutoff = processing.filter_cutoff or float(f"{min(_RATIO * kept, _HIGHEST * rate):.3g}")
     chosen = replace(usual, filter_cutoff=cutoff, decimation=decimation)
     return FilterChoice(processing=chosen, clean=clean, notices=(_explain(chosen, clean, kept, usual),))
+
+
+def choose_window(kind: str, processing: Processing, period: float) -> float:
+    """Return the length in s of the windows of rows, where none is asked for.
+
+    Args:
+        kind: of rows.
+        processing: with its decimation chosen.
+        period: of the samples in s.
+    """
+    factor = processing.decimation.factor
+    # Longer windows would damp what torque rows keep: heavy and light joints of a fast motion differ there.
+    return factor * period if kind == "momentum" and factor > 1 else WINDOW
 
 
 def _find_clean(recordings: Sequence[Recording]) -> tuple[float, ...]:

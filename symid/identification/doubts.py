@@ -14,6 +14,7 @@ from symid.arrays import FloatArray
 from symid.codegen.library import Library
 from symid.data.recording import Recording
 from symid.errors import Notice
+from symid.identification.estimate import ParameterEstimate
 from symid.identification.identifiability import Identifiability
 from symid.identification.regression import Fit
 from symid.identification.rows import SCALAR_KINDS, Rows
@@ -25,6 +26,7 @@ __all__ = [
     "warn_of_mass_matrix",
     "warn_of_pattern",
     "warn_of_processing",
+    "warn_of_vague",
 ]
 
 _LEAST_RATIO = 2.5
@@ -32,6 +34,7 @@ _LEAST_RATIO = 2.5
 _BLOCKS = 100
 _TOO_SMALL = 2.0
 _POSES = 200
+_VAGUE_PERCENT = 30.0
 
 
 def warn_of_processing(processing: Processing, recordings: Sequence[Recording]) -> tuple[Notice, ...]:
@@ -131,3 +134,15 @@ def warn_of_mass_matrix(
         "robot has such inertias; the log excites them too little, or the model misses a term"
     )
     return (Notice(code="identify.impossible-mass", text=text),)
+
+
+def warn_of_vague(parameters: Sequence[ParameterEstimate]) -> tuple[Notice, ...]:
+    """Return a notice on parameters whose standard deviation is a large part of them."""
+    vague = [entry.name for entry in parameters if entry.relative_std_percent > _VAGUE_PERCENT]
+    if not vague:
+        return ()
+    text = (
+        f"known to no better than {_VAGUE_PERCENT:g} % (one standard deviation): {', '.join(vague)}; "
+        "they matter little in this log, or a motion that excites them is missing"
+    )
+    return (Notice(code="identify.vague", text=text),)

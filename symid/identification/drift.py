@@ -10,8 +10,10 @@ Supported: parameters that at least two of the logs tell alone.
 Not supported: changes within a log.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,7 +24,7 @@ from symid.identification.identifiability import Identifiability, find_identifia
 from symid.identification.regression import Fit, fit_weighted
 from symid.identification.rows import SCALAR_KINDS, Rows, select_rows
 
-__all__ = ["Change", "Drift", "find_drift", "warn_of_drift"]
+__all__ = ["Change", "Drift", "LogFit", "LogFitter", "find_drift", "find_mean_weights", "warn_of_drift"]
 
 _CHANCE = 0.01
 """Probability, over all parameters, that chance alone makes one of them drift."""
@@ -56,21 +58,41 @@ class Drift:
     residual: tuple[tuple[int, str, float, float], ...]
 
 
-def find_drift(rows: Rows, fit: Fit) -> Drift:
-    """Return what the logs behind `rows` tell differently; nothing where there is only one."""
+class LogFit(NamedTuple):
+    """What one log tells alone: parameters and deviations (p,), and which of them it tells."""
+
+    values: FloatArray
+    deviations: FloatArray
+    seen: Identifiability
+
+
+LogFitter = Callable[[int, FloatArray], LogFit | None]
+"""From the number of a log and the weights of joints (g,) to what it tells alone, or None."""
+
+
+def find_drift(rows: Rows, fit: Fit, freedom: str = "band", fit_log: LogFitter | None = None) -> Drift:
+    """Return what the logs behind `rows` tell differently; nothing where there is only one.
+
+    Args:
+        rows: the equations of the fit.
+        fit: its result.
+        freedom: how the variance of the noise is estimated, see `Processing.noise_freedom`.
+        fit_log: fits one log alone, where `rows` have no matrix.
+    """
     runs = tuple(int(run) for run in np.unique(rows.run))
     residual = tuple(entry for run in runs for entry in _find_means(rows, fit, run))
     if len(runs) < 2:
         return Drift(runs=runs, changed=(), compared=0, residual=residual)
-    weights = _find_weights(rows, fit)
-    alone = {run: found for run in runs if (found := _fit_alone(rows, weights, run)) is not None}
+    weights = find_mean_weights(rows, fit)
+    fit_log = fit_log or partial(_fit_alone, rows, freedom)
+    alone = {run: found for run in runs if (found := fit_log(run, weights)) is not None}
     changes = []
     for index, name in enumerate(rows.names):
-        told = [found for found in alone.values() if found[2].learnable[index]]
+        told = [found for found in alone.values() if found.seen.learnable[index]]
         if len(told) < 2:
             continue
-        values = np.array([fitted.values[index] for fitted, _, _ in told])
-        deviations = np.array([spread[index] for _, spread, _ in told])
+        values = np.array([found.values[index] for found in told])
+        deviations = np.array([found.deviations[index] for found in told])
         changes.append(
             Change(
                 name=name,
@@ -84,27 +106,32 @@ def find_drift(rows: Rows, fit: Fit) -> Drift:
     return Drift(runs=tuple(alone), changed=tuple(changed), compared=len(changes), residual=residual)
 
 
-def _find_weights(rows: Rows, fit: Fit) -> FloatArray:
-    """Return the weight of each group (g,), the mean of its rows'."""
+def find_mean_weights(rows: Rows, fit: Fit) -> FloatArray:
+    """Return what the fit multiplied residuals of each group by (g,), without the weights of the logs.
+
+    Args:
+        rows: the equations of the fit.
+        fit: its result; where weights differ within a group their mean counts.
+    """
+    own = fit.weights / np.sqrt(rows.weight)
     return np.array(
         [
-            float(fit.weights[rows.group == group].mean()) if np.any(rows.group == group) else 1.0
+            float(own[rows.group == group].mean()) if np.any(rows.group == group) else 1.0
             for group in range(len(rows.group_names))
         ]
     )
 
 
-def _fit_alone(rows: Rows, weights: FloatArray, run: int) -> tuple[Fit, FloatArray, Identifiability] | None:
-    """Return fit, deviations and what can be told of one log; None where it tells nothing."""
+def _fit_alone(rows: Rows, freedom: str, run: int, weights: FloatArray) -> LogFit | None:
     part = select_rows(rows, rows.run == run)
     part = replace(part, weight=np.ones(len(part.values)))
     try:
         seen = find_identifiability(part)
     except IdentifiabilityError:
         return None
-    found = fit_weighted(part, seen, weights)
+    found = fit_weighted(part, seen, weights, freedom)
     stated = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
-    return found, np.maximum(stated, find_block_deviations(part, found, seen)), seen
+    return LogFit(found.values, np.maximum(stated, find_block_deviations(part, found, seen)), seen)
 
 
 def _find_chance(values: FloatArray, deviations: FloatArray) -> float:
@@ -133,11 +160,21 @@ def _find_means(rows: Rows, fit: Fit, run: int) -> list[tuple[int, str, float, f
     return found
 
 
-def warn_of_drift(rows: Rows, fit: Fit, names: Sequence[str]) -> tuple[Notice, ...]:
-    """Return a notice where the logs behind `rows` differ; `names` are theirs, by their number."""
+def warn_of_drift(
+    rows: Rows,
+    fit: Fit,
+    names: Sequence[str],
+    freedom: str = "band",
+    *,
+    fit_log: LogFitter | None = None,
+) -> tuple[Notice, ...]:
+    """Return a notice where the logs behind `rows` differ; `names` are theirs, by their number.
+
+    Further arguments as for `find_drift`.
+    """
     if len(names) < 2 or rows.kind in SCALAR_KINDS:
         return ()
-    drift = find_drift(rows, fit)
+    drift = find_drift(rows, fit, freedom, fit_log)
     if not drift.changed:
         return ()
     shown = ", ".join(entry.name for entry in drift.changed[:8])

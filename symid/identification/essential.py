@@ -58,7 +58,9 @@ class Essential:
         object.__setattr__(self, "values", freeze(self.values))
 
 
-def find_essential(rows: Rows, fit: Fit, seen: Identifiability, *, level: float = LEVEL) -> Essential:
+def find_essential(
+    rows: Rows, fit: Fit, seen: Identifiability, *, level: float = LEVEL, freedom: str = "band"
+) -> Essential:
     """Return the model that is left when parameters below `level` deviations are dropped one by one.
 
     Args:
@@ -66,6 +68,7 @@ def find_essential(rows: Rows, fit: Fit, seen: Identifiability, *, level: float 
         fit: its result; the rows keep its weights.
         seen: what the rows can tell; only parameters with a value of their own are dropped.
         level: in deviations.
+        freedom: how the variance of the noise is estimated, see `Processing.noise_freedom`.
     """
     candidates = np.flatnonzero(seen.learnable)
     others = seen.basis[~seen.learnable]
@@ -82,8 +85,10 @@ def find_essential(rows: Rows, fit: Fit, seen: Identifiability, *, level: float 
         np.linalg.qr(np.column_stack([weighted, rows.values * fit.weights]), mode="r")
     )
     inflation = _find_inflation(rows, fit, seen)[candidates]
-    freedom = max(rows.independent * len(rows.values) - mixing.shape[1], 1.0)
-    kept, dropped, inner, price = _eliminate(factor, inflation, freedom, level)
+    independent = rows.independent if freedom == "band" else 1.0
+    used = 1 if freedom == "one" else mixing.shape[1]
+    left = max(independent * len(rows.values) - used, 1.0)
+    kept, dropped, inner, price = _eliminate(factor, inflation, left, level)
     return Essential(
         kept=tuple(rows.names[candidates[k]] for k in kept if k < len(candidates)),
         dropped=tuple(

@@ -12,8 +12,26 @@ import numpy as np
 
 from symid.arrays import FloatArray, freeze
 from symid.errors import Notice
+from symid.robot.log_map import Processing
 
-__all__ = ["Estimate", "Outcome", "ParameterEstimate", "Residual", "Series", "Validation"]
+__all__ = [
+    "CHOSEN",
+    "Estimate",
+    "Outcome",
+    "ParameterEstimate",
+    "Residual",
+    "Series",
+    "SettledProcessing",
+    "Validation",
+]
+
+CHOSEN = ("filter_cutoff", "decimation.factor")
+"""Entries of the processing that may be left open."""
+_WHO = {
+    "stated": "as stated",
+    "fit": "as in the fit",
+    "log": "chosen from this log, whose sample period is not that of the fit",
+}
 
 
 class Outcome(Enum):
@@ -137,9 +155,33 @@ class Series:
             object.__setattr__(self, name, freeze(getattr(self, name)))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SettledProcessing:
+    """What is used for a log, and where each entry of `CHOSEN` comes from: "stated", "fit" or "log"."""
+
+    processing: Processing
+    origin: Mapping[str, str]
+    notices: tuple[Notice, ...] = ()
+
+    def tell(self) -> str:
+        """Return the processing in a sentence."""
+        cutoff, factor = self.processing.filter_cutoff, self.processing.decimation.factor
+        parts = (
+            "positions pass no filter" if cutoff is None else f"positions pass a low-pass at {cutoff:g} Hz",
+            "every row is kept" if factor == 1 else f"one row in {factor} is kept",
+        )
+        who = [_WHO[self.origin[name]] for name in CHOSEN]
+        if who[0] == who[1]:
+            return f"{parts[0]}, and {parts[1]}: {who[0]}"
+        return f"{parts[0]} ({who[0]}), and {parts[1]} ({who[1]})"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Validation:
-    """What an estimate explains of a log; `fitted` where it was fitted to that very log, which is no test."""
+    """What an estimate explains of a log.
+
+    `fitted` where it was fitted to that very log, which is no test; `processing` how the log was processed.
+    """
 
     robot: str
     signature: str
@@ -150,6 +192,7 @@ class Validation:
     samples: int
     fitted: bool = False
     notices: tuple[Notice, ...] = ()
+    processing: SettledProcessing | None = None
 
     @property
     def mean_relative_percent(self) -> float:

@@ -23,15 +23,23 @@ from symid.identification.condensation import Condensed, condense_rows
 from symid.identification.rows import Rows
 
 __all__ = [
+    "JOINT_AT_REST",
+    "WHOLE_MODEL",
     "Identifiability",
     "RankRule",
     "ScaledSpectrum",
+    "check_share",
     "find_identifiability",
     "find_resting_joints",
     "find_spectrum",
     "judge_condensed",
     "settle_joints",
 ]
+
+WHOLE_MODEL = 0.75
+"""Part of a robot's parameters that logs must tell to be called enough for a model of the robot."""
+JOINT_AT_REST = "identify.joint-at-rest"
+"""Code of the notice that the rows of a joint were left out because it does not move."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,12 +48,13 @@ class RankRule:
 
     `zero` is the length of a column relative to the longest one, `singular` a singular value of
     the scaled matrix relative to the largest one, `share` the squared part of an unseen
-    direction in a parameter.
+    direction in a parameter. `least` is the part of all parameters that must be seen.
     """
 
     zero: float = 1e-10
     singular: float = 1e-7
     share: float = 1e-8
+    least: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -108,9 +117,47 @@ def find_identifiability(rows: Rows, rule: RankRule | None = None) -> Identifiab
     """Return which parameters `rows` can tell, and which not.
 
     Raises:
-        IdentifiabilityError: none can be learnt, or there are not more rows than parameters.
+        IdentifiabilityError: none can be learnt, or fewer than the rule wants, or there are not more rows
+            than parameters.
     """
-    return judge_condensed(condense_rows(rows), rows.kind, rows.names, rule)
+    rule = rule or RankRule()
+    seen = judge_condensed(condense_rows(rows), rows.kind, rows.names, rule)
+    check_share(seen, rows.names, rule.least, rows.notices)
+    return seen
+
+
+def check_share(
+    seen: Identifiability, names: tuple[str, ...], least: float, notices: tuple[Notice, ...] = ()
+) -> None:
+    """Check that rows can tell enough for a model of the whole robot.
+
+    Args:
+        seen: what they tell.
+        names: of all parameters.
+        least: part of the parameters that must be learnable.
+        notices: of the rows; what they say of joints at rest is told first.
+
+    Raises:
+        IdentifiabilityError: fewer are; every parameter that is not is named with the reason.
+    """
+    count = int(seen.learnable.sum())
+    if count >= least * len(names):
+        return
+    text = (
+        f"these logs tell only {count} of {len(names)} parameters, too few for a model of this robot: record "
+        "a motion in which every joint accelerates on its own and turns both ways (`symid excite` makes "
+        "one), or name further logs; --partial fits what can be told"
+    )
+    # One line for a reason, however many parameters share it.
+    reasons = dict.fromkeys(reason for _, reason in seen.refused)
+    told = (
+        (", ".join(name for name, reason in seen.refused if reason == shared), shared) for shared in reasons
+    )
+    raise IdentifiabilityError(
+        *(notice for notice in notices if notice.code == JOINT_AT_REST),
+        Notice(code="identify.poor-log", text=text),
+        *(Notice(code="identify.poor-log", text=f"not told: {some}: {reason}") for some, reason in told),
+    )
 
 
 def judge_condensed(

@@ -4,62 +4,45 @@ Input: a library of generated robot functions, recordings, settings. Output: `Es
 
     Recording -> Signals -> Rows -> Identifiability -> Fit -> Estimate
 
-Supported: several recordings at once, of unequal weight; all kinds of rows with all estimators.
+Supported: several recordings at once, of unequal weight; all kinds of rows with all estimators; recordings
+whose rows do not go into memory.
 Not supported: recordings with delays or zero offsets of their own.
 """
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
-from typing import NamedTuple
+from dataclasses import replace
 
 import numpy as np
 
-from symid.codegen.functions import ParameterCard
+from symid.codegen.functions import ModelCard, ParameterCard
 from symid.codegen.library import Library
 from symid.data.recording import Recording
 from symid.errors import Notice, UsageError
-from symid.identification.cutoff import choose_filters
+from symid.identification.cutoff import choose_filters, choose_window
 from symid.identification.doubts import (
     warn_of_mass_matrix,
     warn_of_pattern,
     warn_of_processing,
+    warn_of_vague,
 )
 from symid.identification.drift import warn_of_drift
 from symid.identification.estimate import Estimate, Outcome, ParameterEstimate
 from symid.identification.estimators import ESTIMATORS, EstimatorOptions, fit_rows
+from symid.identification.fitted_processing import describe_processing
 from symid.identification.identifiability import Identifiability, RankRule, find_identifiability
-from symid.identification.preparation import prepare_rows
+from symid.identification.long_fit import FittedRows, fit_long, is_long
+from symid.identification.long_rows import RowMaker
 from symid.identification.regression import Fit
-from symid.identification.rows import ROW_KINDS, WINDOW, Rows, stack_rows
+from symid.identification.rows import ROW_KINDS, Rows, stack_rows
 from symid.identification.statistics import find_residuals
 from symid.identification.structure import warn_of_structure
 from symid.robot.log_map import Processing
 
-__all__ = ["identify_parameters"]
+__all__ = ["LARGEST", "identify_parameters"]
 
-_VAGUE_PERCENT = 30.0
-
-
-class _RowOptions(NamedTuple):
-    """Kind of rows, with length in s and overlap of their windows."""
-
-    kind: str
-    window: float
-    overlap: float
-
-    def prepare(self, library: Library, recording: Recording, processing: Processing) -> Rows:
-        """Return the equations of a recording."""
-        return prepare_rows(
-            self.kind, library, recording, processing, window=self.window, overlap=self.overlap
-        )
-
-    def tell(self) -> dict[str, object]:
-        """Return what a result says of the windows."""
-        if self.kind in {"torque", "power"}:
-            return {}
-        shared: dict[str, object] = {"overlap": self.overlap} if self.overlap else {}
-        return {"window": self.window, **shared}
+LARGEST = 2e8
+"""Bytes of equations that are held in memory."""
 
 
 def identify_parameters(
@@ -69,12 +52,13 @@ def identify_parameters(
     *,
     rows: str = "torque",
     estimator: str = "ols",
-    window: float = WINDOW,
+    window: float | None = None,
     overlap: float = 0.0,
     rule: RankRule | None = None,
     options: EstimatorOptions | None = None,
     weights: Sequence[float] | None = None,
     echo: Mapping[str, object] | None = None,
+    largest: float = LARGEST,
 ) -> Estimate:
     """Return the parameters of the library's model that explain the recordings best.
 
@@ -84,12 +68,14 @@ def identify_parameters(
         processing: filter, cut ends and decimation.
         rows: one of `ROW_KINDS`.
         estimator: one of `ESTIMATORS`.
-        window: length of the windows of momentum, filtered and energy rows in s.
+        window: length of the windows of momentum, filtered and energy rows in s; None for what
+            `choose_window` chooses.
         overlap: part of a window that the next one shares, of momentum and energy rows.
         rule: when a parameter counts as not seen.
         options: of the estimator.
         weights: what the squares of each recording's residuals count for; one if None.
         echo: further settings to keep with the result, such as the log's columns.
+        largest: bytes; torque and momentum rows that take more are fitted by `ols` and `wls` block by block.
 
     Raises:
         UsageError: there is no such kind of rows or estimator, or no recording.
@@ -98,56 +84,105 @@ def identify_parameters(
     """
     _check_call(recordings, rows, estimator)
     filters = choose_filters(processing, recordings)
-    how = _RowOptions(kind=rows, window=window, overlap=overlap)
-    stacked = stack_rows([how.prepare(library, entry, filters.processing) for entry in recordings], weights)
-    seen = find_identifiability(stacked, rule)
-    fit = fit_rows(estimator, stacked, seen, filters.processing.noise_freedom, options)
-    parameters = _list_parameters(library.card.beta + library.card.friction, fit, seen)
-    notices = (*filters.notices, *stacked.notices, *seen.notices, *fit.notices, *_warn_of_vague(parameters))
+    if window is None:
+        window = choose_window(rows, filters.processing, recordings[0].period)
+    maker = RowMaker(rows, library, filters.processing, window, overlap)
+    found = _fit(maker, recordings, estimator, rule=rule, options=options, weights=weights, largest=largest)
+    settings = {
+        **(echo or {}),
+        **describe_processing(processing, filters.processing, recordings),
+        **_tell(found.fit, weights),
+        **_tell_windows(maker),
+    }
+    doubts = _find_doubts(maker, recordings, found, weights)
+    estimate = _build_estimate(library.card, found, estimator, settings)
+    return replace(
+        estimate,
+        sources=tuple(recording.source for recording in recordings),
+        notices=(*filters.notices, *estimate.notices, *doubts),
+    )
+
+
+def _build_estimate(
+    card: ModelCard, found: FittedRows, estimator: str, settings: Mapping[str, object]
+) -> Estimate:
+    fit, seen, rows = found.fit, found.seen, found.rows
+    parameters = _list_parameters(card.beta + card.friction, fit, seen)
     return Estimate(
-        robot=library.card.robot,
-        signature=library.card.signature,
-        rows=rows,
+        robot=card.robot,
+        signature=card.signature,
+        rows=rows.kind,
         estimator=estimator,
-        friction=tuple(joint.friction for joint in library.card.joints),
+        friction=tuple(joint.friction for joint in card.joints),
         parameters=parameters,
-        residual=find_residuals(stacked, fit.residuals, fit.spent),
+        residual=find_residuals(rows, fit.residuals, fit.spent),
         condition=fit.condition,
         outcome=Outcome.SOME_REFUSED if seen.refused else Outcome.SOLVED,
-        samples=len(stacked.values),
-        sources=tuple(recording.source for recording in recordings),
-        settings=_echo({**(echo or {}), **_tell(fit, weights, filters.processing), **how.tell()}),
+        samples=len(rows.values),
+        sources=(),
+        settings=_echo(settings),
         refused=seen.refused,
-        unresolved=_list_unresolved(stacked, fit, seen),
+        unresolved=_list_unresolved(rows, fit, seen),
         covariance=_cut_covariance(fit, seen),
-        notices=notices + _find_doubts(library, recordings, filters.processing, stacked, fit=fit, seen=seen),
+        notices=(*rows.notices, *seen.notices, *fit.notices, *warn_of_vague(parameters)),
+    )
+
+
+def _fit(
+    maker: RowMaker,
+    recordings: Sequence[Recording],
+    estimator: str,
+    *,
+    rule: RankRule | None,
+    options: EstimatorOptions | None,
+    weights: Sequence[float] | None,
+    largest: float,
+) -> FittedRows:
+    """Return equations and fit: block by block where the equations do not go into memory."""
+    if is_long(maker, recordings, estimator, largest):
+        found = fit_long(maker, recordings, estimator, rule=rule or RankRule(), weights=weights)
+        if found is not None:
+            return found
+    stacked = stack_rows([maker.prepare(entry) for entry in recordings], weights)
+    seen, freedom = find_identifiability(stacked, rule), maker.processing.noise_freedom
+    fit = fit_rows(estimator, stacked, seen, freedom, options)
+    return FittedRows(
+        rows=stacked,
+        seen=seen,
+        fit=fit,
+        pattern=warn_of_pattern(stacked, fit, seen),
+        drift=warn_of_drift(stacked, fit, [entry.source for entry in recordings], freedom),
     )
 
 
 def _find_doubts(
-    library: Library,
-    recordings: Sequence[Recording],
-    processing: Processing,
-    rows: Rows,
-    *,
-    fit: Fit,
-    seen: Identifiability,
+    maker: RowMaker, recordings: Sequence[Recording], found: FittedRows, weights: Sequence[float] | None
 ) -> tuple[Notice, ...]:
     """Return what speaks against the fit."""
-    pattern = warn_of_pattern(rows, fit, seen)
+    library, values = maker.library, found.fit.values
+    structure: tuple[Notice, ...] = ()
+    if found.pattern:
+        structure = warn_of_structure(values, library, recordings, maker.processing, weights)
     return (
-        *warn_of_processing(processing, recordings),
-        *pattern,
-        *(warn_of_structure(fit.values, library, recordings, processing) if pattern else ()),
-        *warn_of_drift(rows, fit, [recording.source for recording in recordings]),
-        *(() if seen.refused else warn_of_mass_matrix(library, fit.values, recordings)),
+        *warn_of_processing(maker.processing, recordings),
+        *found.pattern,
+        *structure,
+        *found.drift,
+        *(() if found.seen.refused else warn_of_mass_matrix(library, values, recordings)),
     )
 
 
-def _tell(fit: Fit, weights: Sequence[float] | None, processing: Processing) -> Mapping[str, object]:
-    """Return the processing, what the estimator chose or paid, and the weights of the recordings, if any."""
-    told: dict[str, object] = {"processing": asdict(processing)}
-    told |= {"fit": dict(fit.report)} if fit.report else {}
+def _tell_windows(maker: RowMaker) -> Mapping[str, object]:
+    """Return what a result says of the windows."""
+    if maker.kind in {"torque", "power"}:
+        return {}
+    shared: dict[str, object] = {"overlap": maker.overlap} if maker.overlap else {}
+    return {"window": maker.window, **shared}
+
+
+def _tell(fit: Fit, weights: Sequence[float] | None) -> Mapping[str, object]:
+    """Return what the estimator chose or paid, and the weights of the recordings, if any."""
+    told: dict[str, object] = {"fit": dict(fit.report)} if fit.report else {}
     return told if weights is None else {**told, "weights": list(weights)}
 
 
@@ -199,14 +234,3 @@ def _list_unresolved(rows: Rows, fit: Fit, seen: Identifiability) -> tuple[tuple
 def _cut_covariance(fit: Fit, seen: Identifiability) -> tuple[tuple[float, ...], ...]:
     kept = fit.covariance[np.ix_(seen.learnable, seen.learnable)]
     return tuple(tuple(map(float, row)) for row in kept)
-
-
-def _warn_of_vague(parameters: tuple[ParameterEstimate, ...]) -> tuple[Notice, ...]:
-    vague = [entry.name for entry in parameters if entry.relative_std_percent > _VAGUE_PERCENT]
-    if not vague:
-        return ()
-    text = (
-        f"known to no better than {_VAGUE_PERCENT:g} % (one standard deviation): {', '.join(vague)}; "
-        "they matter little in this log, or a motion that excites them is missing"
-    )
-    return (Notice(code="identify.vague", text=text),)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.errors import Notice
-from symid.identification.identifiability import RankRule, ScaledSpectrum, find_spectrum
+from symid.identification.identifiability import WHOLE_MODEL, RankRule, ScaledSpectrum, find_spectrum
 from symid.identification.log_fit import LogFit, solve_rows
 
 __all__ = ["Excitation", "ParameterVerdict", "describe_excitation", "find_excitation"]
@@ -57,6 +57,12 @@ class Excitation:
     def empty(self) -> bool:
         """Return whether the logs tell nothing."""
         return not self.list_names("told", "vague")
+
+    @property
+    def poor(self) -> bool:
+        """Return whether the logs tell too few parameters for a model of the whole robot."""
+        told = len(self.parameters) - len(self.list_names("refused"))
+        return self.empty or told < WHOLE_MODEL * len(self.parameters)
 
 
 def find_excitation(

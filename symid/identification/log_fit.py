@@ -20,8 +20,9 @@ from symid.codegen.library import Library
 from symid.data.encoders import shift_channel
 from symid.data.filters import decimate
 from symid.data.recording import Recording
-from symid.data.signals import prepare_signals, settle_processing
+from symid.data.signals import prepare_signals
 from symid.errors import IdentifiabilityError, Notice
+from symid.identification.cutoff import choose_filters
 from symid.identification.identifiability import find_resting_joints, settle_joints
 from symid.robot.log_map import Processing
 
@@ -76,7 +77,7 @@ def prepare_log_fit(library: Library, recording: Recording, processing: Processi
         IdentifiabilityError: no joint moves.
         LogError: the recording is uneven or too short for the settings.
     """
-    processing = settle_processing(replace(processing, automatic=True), recording.period)
+    processing = choose_filters(replace(processing, automatic=True), [recording]).processing
     resting = find_resting_joints(recording)
     moving = tuple(joint for joint in range(library.card.size) if joint not in resting)
     if not moving:

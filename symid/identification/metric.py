@@ -21,8 +21,9 @@ from symid.arrays import FloatArray, freeze
 from symid.codegen.library import Library
 from symid.data.filters import low_pass
 from symid.data.recording import Recording, Signals
-from symid.data.signals import prepare_signals, settle_processing
+from symid.data.signals import prepare_signals
 from symid.errors import LogError, Notice
+from symid.identification.cutoff import choose_filters
 from symid.identification.estimate import Residual
 from symid.identification.identifiability import find_resting_joints, settle_joints
 from symid.robot.log_map import Processing
@@ -105,14 +106,15 @@ def predict_torques(
         library: the functions of the robot.
         recording: the log.
         processing: filter of the positions, and samples cut at either end of the log; its decimation
-            and its low-pass of the torque take no part.
+            and its low-pass of the torque take no part; a filter that is left open is chosen from the log
+            (`settle_as_fitted` takes that of a fit).
         band: in Hz.
         ends: s that do not count, at either end of what is left.
 
     Raises:
         LogError: the band does not fit the sample rate, or too little is left of the log.
     """
-    processing = settle_processing(processing, recording.period)
+    processing = choose_filters(processing, [recording]).processing
     resting = find_resting_joints(recording)
     signals = settle_joints(prepare_signals(recording, processing), resting)
     left = round(ends / signals.period)

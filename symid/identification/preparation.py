@@ -1,6 +1,7 @@
 """From a recording to rows: the steps that identification and validation share.
 
-Input: a library, a recording and its processing. Output: `Rows`, with notices of what was left out.
+Input: a library, a recording and its processing. Output: `Rows`, with or without their matrix, with notices
+of what was left out.
 
 Supported: joints at rest; their rows are left out where dry friction or a brake may hold them.
 """
@@ -10,14 +11,15 @@ from dataclasses import replace
 import numpy as np
 
 from symid.codegen.library import Library
-from symid.data.recording import Recording
-from symid.data.signals import prepare_signals, settle_processing
+from symid.data.recording import Recording, Signals
+from symid.data.signals import prepare_signals
 from symid.errors import IdentifiabilityError, LogError, Notice
-from symid.identification.identifiability import find_resting_joints, settle_joints
-from symid.identification.rows import SCALAR_KINDS, Rows, build_rows, drop_groups, select_rows
+from symid.identification.cutoff import choose_filters
+from symid.identification.identifiability import JOINT_AT_REST, find_resting_joints, settle_joints
+from symid.identification.rows import SCALAR_KINDS, Rows, build_rows, drop_groups, outline_rows, select_rows
 from symid.robot.log_map import Processing
 
-__all__ = ["prepare_rows"]
+__all__ = ["prepare_outline", "prepare_rows", "prepare_states"]
 
 
 def prepare_rows(
@@ -31,21 +33,66 @@ def prepare_rows(
 ) -> Rows:
     """Return the equations of one recording: filter, differentiate, settle resting joints, build.
 
+    Args:
+        kind: of rows.
+        library: the functions of the robot.
+        recording: the log.
+        processing: what it leaves open is chosen from this recording.
+        window: length of windows in s.
+        overlap: part of a window that the next one shares.
+
     Raises:
         LogError: the recording has another number of joints than the robot.
         IdentifiabilityError: no joint moves.
         UsageError: there is no such kind of rows, or the windows do not fit.
     """
+    processing = choose_filters(processing, [recording]).processing if processing.automatic else processing
+    signals = prepare_states(library, recording, processing)
+    rows = build_rows(kind, library, signals, processing, window=window, overlap=overlap)
+    return rows if kind in SCALAR_KINDS else _leave_out(rows, library, recording, processing)
+
+
+def prepare_outline(
+    kind: str,
+    library: Library,
+    recording: Recording,
+    processing: Processing,
+    *,
+    window: float,
+    overlap: float = 0.0,
+) -> Rows:
+    """Return the equations of one recording without their matrix, see `outline_rows`.
+
+    Arguments and errors as for `prepare_rows`; the processing leaves nothing open.
+    """
+    signals = prepare_states(library, recording, processing)
+    rows = outline_rows(kind, library.card, signals, processing, window=window, overlap=overlap)
+    return _leave_out(rows, library, recording, processing)
+
+
+def prepare_states(library: Library, recording: Recording, processing: Processing) -> Signals:
+    """Return filtered states and torques of one recording, joints at rest exactly so.
+
+    Args:
+        library: the functions of the robot.
+        recording: the log.
+        processing: it leaves nothing open.
+
+    Raises:
+        LogError: the recording has another number of joints than the robot.
+        IdentifiabilityError: no joint moves.
+    """
     _check_joints(library, recording)
-    processing = settle_processing(processing, recording.period)
     resting = find_resting_joints(recording)
     if len(resting) == library.card.size:
         raise IdentifiabilityError(_say_standstill(recording))
-    signals = settle_joints(prepare_signals(recording, processing), resting)
-    rows = build_rows(kind, library, signals, processing, window=window, overlap=overlap)
-    if kind in SCALAR_KINDS:
-        return rows
+    return settle_joints(prepare_signals(recording, processing), resting)
+
+
+def _leave_out(rows: Rows, library: Library, recording: Recording, processing: Processing) -> Rows:
+    """Leave out rows of slow joints, and of joints at rest that dry friction or a brake may hold."""
     rows = _leave_out_slow(rows, recording, processing.standstill)
+    resting = find_resting_joints(recording)
     joints = library.card.joints
     held = tuple(joint for joint in resting if joints[joint].friction != "none")
     notices = tuple(_say_resting(joints[joint].name, recording) for joint in held)
@@ -99,4 +146,4 @@ def _say_resting(joint: str, recording: Recording) -> Notice:
         f"joint {joint!r} does not move in this log: dry friction or a brake may hold any torque, "
         "so its rows were left out"
     )
-    return Notice(code="identify.joint-at-rest", text=text, file=recording.source)
+    return Notice(code=JOINT_AT_REST, text=text, file=recording.source)

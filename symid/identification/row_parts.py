@@ -28,7 +28,7 @@ from symid.arrays import FloatArray
 from symid.codegen.library import Library
 from symid.data.filters import find_noise_band
 from symid.data.recording import Signals
-from symid.data.signals import decimate_columns
+from symid.data.signals import decimate_blocks, decimate_columns
 from symid.identification.quadrature import Windows, find_windows, integrate_windows
 from symid.robot.log_map import Processing
 
@@ -39,10 +39,17 @@ __all__ = [
     "build_momentum_part",
     "build_power_part",
     "build_torque_part",
+    "cut_momentum_matrix",
+    "cut_torque_matrix",
+    "evaluate_columns",
+    "outline_momentum_part",
+    "outline_torque_part",
 ]
 
 _SAMPLES = 8192
 """Samples whose regressors are in memory at a time."""
+_WINDOWS = 1024
+"""Momentum equations of a joint that are in memory at a time."""
 _RATE = 2.0
 """Of the filter of `filtered` rows, times the window: rows share 2 % of their noise's variance."""
 _SIMPSON_WHITE = 0.5
@@ -64,28 +71,42 @@ class Part(NamedTuple):
 
 def build_torque_part(library: Library, signals: Signals, processing: Processing) -> Part:
     """Return torque equations, every column and the torque decimated alike."""
-    regressor = _evaluate_columns(library, signals)
-    size, factor = library.card.size, processing.decimation.factor
-    joined = [
-        np.hstack([regressor[:, j], signals.tau[:, j, None], signals.dq[:, j, None]]) for j in range(size)
-    ]
-    kept = np.stack([decimate_columns(columns, processing.decimation) for columns in joined], axis=1)
+    outline = outline_torque_part(signals, processing)
+    parameters = len(library.card.beta) + len(library.card.friction)
+    matrix = np.empty((*outline.values.shape, parameters))
+    for part, rows in cut_torque_matrix(library, signals, processing):
+        matrix[part] = rows
+    return outline._replace(matrix=matrix)
+
+
+def outline_torque_part(signals: Signals, processing: Processing) -> Part:
+    """Return torque equations without their matrix."""
+    values, velocity = (
+        decimate_columns(columns, processing.decimation) for columns in (signals.tau, signals.dq)
+    )
     return Part(
-        matrix=kept[:, :, :-2],
-        values=kept[:, :, -2],
-        time=_find_kept_times(signals.time, len(kept), factor),
-        velocity=kept[:, :, -1],
+        matrix=np.empty((*values.shape, 0)),
+        values=values,
+        time=_find_kept_times(signals.time, len(values), processing.decimation.factor),
+        velocity=velocity,
         independent=find_noise_band(processing, signals.period),
     )
 
 
-def _evaluate_columns(library: Library, signals: Signals) -> FloatArray:
-    """Return [Y | Yf] at every sample: (N, n, p)."""
-    (rigid,) = library.evaluate("torque_regressor", signals.q, signals.dq, signals.ddq)
-    if not library.card.friction:
-        return rigid
-    (friction,) = library.evaluate("friction_regressor", signals.dq)
-    return np.concatenate([rigid, friction], axis=2)
+def cut_torque_matrix(
+    library: Library, signals: Signals, processing: Processing
+) -> Iterator[tuple[slice, FloatArray]]:
+    """Yield the matrix (k, n, p) of torque equations block by block, and which rows a block holds."""
+    return decimate_blocks(
+        lambda part: evaluate_columns(library, signals, part), len(signals.time), processing.decimation
+    )
+
+
+def evaluate_columns(library: Library, signals: Signals, part: slice) -> FloatArray:
+    """Return [Y | Yf] at a part of the samples: (N, n, p)."""
+    q, dq, ddq = signals.q[part], signals.dq[part], signals.ddq[part]
+    (rigid,) = library.evaluate("torque_regressor", q, dq, ddq)
+    return np.concatenate([rigid, *_evaluate_friction(library, dq)], axis=2)
 
 
 def _find_kept_times(time: FloatArray, kept: int, factor: int) -> FloatArray:
@@ -97,19 +118,48 @@ def _find_kept_times(time: FloatArray, kept: int, factor: int) -> FloatArray:
 def build_momentum_part(library: Library, signals: Signals, length: float, pieces: int) -> Part:
     """Return momentum equations over windows of `length` s; each begins a `pieces`th of it after the last."""
     windows = find_windows(len(signals.time), signals.period, length / pieces)
-    ends = windows.ends
-    (momentum,) = library.evaluate("momentum_regressor", signals.q[ends], signals.dq[ends])
+    whole = slice(0, len(signals.time))
+    matrix = _merge(_integrate_momentum(library, signals, windows, whole), pieces)
+    return outline_momentum_part(signals, length, pieces)._replace(matrix=matrix)
+
+
+def cut_momentum_matrix(
+    library: Library, signals: Signals, length: float, pieces: int
+) -> Iterator[tuple[slice, FloatArray]]:
+    """Yield the matrix (k, n, p) of momentum equations block by block, and which rows a block holds."""
+    windows = find_windows(len(signals.time), signals.period, length / pieces)
+    rows, step = windows.count - pieces + 1, max(pieces, _WINDOWS)
+    for start in range(0, rows, step):
+        stop = min(rows, start + step)
+        count = stop - start + pieces - 1
+        block = Windows(count=count, intervals=windows.intervals, period=windows.period)
+        first = start * windows.intervals
+        samples = slice(first, first + count * windows.intervals + 1)
+        yield slice(start, stop), _merge(_integrate_momentum(library, signals, block, samples), pieces)
+
+
+def _integrate_momentum(library: Library, signals: Signals, windows: Windows, samples: slice) -> FloatArray:
+    """Return the matrix (M, n, p) of windows that begin with the first of `samples`."""
+    q, dq = signals.q[samples], signals.dq[samples]
+    (momentum,) = library.evaluate("momentum_regressor", q[windows.ends], dq[windows.ends])
 
     def evaluate(part: slice) -> FloatArray:
-        (lagrange,) = library.evaluate("lagrange_regressor", signals.q[part], signals.dq[part])
-        return np.concatenate([-lagrange, *_evaluate_friction(library, signals.dq[part])], axis=2)
+        (lagrange,) = library.evaluate("lagrange_regressor", q[part], dq[part])
+        return np.concatenate([-lagrange, *_evaluate_friction(library, dq[part])], axis=2)
 
     matrix = _integrate_blocks(evaluate, windows, integrate_windows)
     matrix[:, :, : momentum.shape[2]] += np.diff(momentum, axis=0)
-    span = windows.intervals * windows.period
+    return matrix
+
+
+def outline_momentum_part(signals: Signals, length: float, pieces: int) -> Part:
+    """Return momentum equations without their matrix."""
+    windows = find_windows(len(signals.time), signals.period, length / pieces)
+    ends, span = windows.ends, windows.intervals * windows.period
+    values = _merge(integrate_windows(signals.tau, windows), pieces)
     return Part(
-        matrix=_merge(matrix, pieces),
-        values=_merge(integrate_windows(signals.tau, windows), pieces),
+        matrix=np.empty((*values.shape, 0)),
+        values=values,
         time=_find_centres(signals.time[ends], pieces),
         velocity=_merge(integrate_windows(signals.dq, windows), pieces) / (span * pieces),
         independent=1.0 / pieces,
@@ -142,16 +192,19 @@ def build_energy_part(library: Library, signals: Signals, length: float, pieces:
 def build_power_part(library: Library, signals: Signals, processing: Processing) -> Part:
     """Return power equations at every sample, averaged over the two periods around it and decimated."""
     span = 2.0 * signals.period
-    columns = []
-    for part in _cut(len(signals.time), 2):
-        kinetic, potential = library.evaluate("energy_regressor", signals.q[part], signals.dq[part])
+
+    def evaluate(inner: slice) -> FloatArray:
+        part = slice(inner.start, inner.stop + 2)
+        q, dq = signals.q[part], signals.dq[part]
+        kinetic, potential = library.evaluate("energy_regressor", q, dq)
         energy = kinetic + potential
-        rates = [(energy[2:] - energy[:-2]) / span]
+        columns = [(energy[2:] - energy[:-2]) / span]
         if library.card.friction:
-            rates.append(_average(_find_friction_power(library, signals.dq[part])))
-        columns.append(np.hstack(rates))
-    power = _average(np.einsum("ij,ij->i", signals.tau, signals.dq))
-    kept = decimate_columns(np.column_stack([np.vstack(columns), power]), processing.decimation)
+            columns.append(_average(_find_friction_power(library, dq)))
+        return np.column_stack([*columns, _average(np.einsum("ij,ij->i", signals.tau[part], dq))])
+
+    blocks = decimate_blocks(evaluate, len(signals.time) - 2, processing.decimation)
+    kept = np.vstack([rows for _, rows in blocks])
     factor = processing.decimation.factor
     band = find_noise_band(processing, signals.period)
     return Part(
@@ -207,12 +260,6 @@ def _average(values: FloatArray) -> FloatArray:
     """Return Simpson's mean over the two periods around every inner sample."""
     mean: FloatArray = (values[:-2] + 4.0 * values[1:-1] + values[2:]) / 6.0
     return mean
-
-
-def _cut(samples: int, shared: int) -> Iterator[slice]:
-    """Return blocks of samples, each with `shared` more than those after which the next begins."""
-    for start in range(0, max(1, samples - shared), _SAMPLES):
-        yield slice(start, min(samples, start + _SAMPLES + shared))
 
 
 def _integrate_blocks(

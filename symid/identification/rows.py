@@ -17,7 +17,7 @@ Supported: rigid robots, with friction that is linear in its parameters.
 Not supported: elastic joints.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -35,6 +35,10 @@ from symid.identification.row_parts import (
     build_momentum_part,
     build_power_part,
     build_torque_part,
+    cut_momentum_matrix,
+    cut_torque_matrix,
+    outline_momentum_part,
+    outline_torque_part,
 )
 from symid.robot.log_map import Processing
 
@@ -44,7 +48,9 @@ __all__ = [
     "WINDOW",
     "Rows",
     "build_rows",
+    "cut_rows",
     "drop_groups",
+    "outline_rows",
     "select_rows",
     "stack_rows",
     "warn_of_energy",
@@ -148,6 +154,46 @@ def build_rows(
         "energy": lambda: build_energy_part(library, signals, window, pieces),
     }
     return _assemble(kind, library.card, builders[kind]())
+
+
+def outline_rows(
+    kind: str,
+    card: ModelCard,
+    signals: Signals,
+    processing: Processing,
+    *,
+    window: float = WINDOW,
+    overlap: float = 0.0,
+) -> Rows:
+    """Return torque or momentum equations without their matrix; instead of it, their places in time (m, 1).
+
+    Arguments as for `build_rows`; places are counted from zero, joint by joint.
+    """
+    part = (
+        outline_torque_part(signals, processing)
+        if kind == "torque"
+        else outline_momentum_part(signals, window, _find_pieces(overlap))
+    )
+    places = np.arange(len(part.values), dtype=np.float64)
+    return _assemble(kind, card, part._replace(matrix=np.tile(places[:, None, None], (1, card.size, 1))))
+
+
+def cut_rows(
+    kind: str,
+    library: Library,
+    signals: Signals,
+    processing: Processing,
+    *,
+    window: float = WINDOW,
+    overlap: float = 0.0,
+) -> Iterator[tuple[slice, FloatArray]]:
+    """Yield the matrix (k, n, p) of torque or momentum equations by stretches of time, and their places.
+
+    Arguments as for `build_rows`.
+    """
+    if kind == "torque":
+        return cut_torque_matrix(library, signals, processing)
+    return cut_momentum_matrix(library, signals, window, _find_pieces(overlap))
 
 
 def _find_pieces(overlap: float) -> int:

@@ -15,21 +15,19 @@ Supported: torque residuals of one log or several, of the fit or held out.
 Not supported: terms of several joints at once; two families together.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
-from symid.codegen.functions import JointCard
 from symid.codegen.library import Library
-from symid.data.recording import Recording, Signals
-from symid.data.signals import decimate_columns, prepare_signals, settle_processing
+from symid.data.recording import Recording
 from symid.errors import Notice
-from symid.identification.identifiability import find_resting_joints, settle_joints
-from symid.identification.residual_families import FAMILIES, OTHER_VALUES, Motion
-from symid.robot.log_map import Decimation, Processing
+from symid.identification.joint_residuals import BLOCKS, LARGEST, JointResidual, find_joint_residuals
+from symid.identification.residual_families import FAMILIES, OTHER_VALUES
+from symid.robot.log_map import Processing
 
 __all__ = [
     "Finding",
@@ -41,7 +39,6 @@ __all__ = [
     "warn_of_structure",
 ]
 
-_BLOCKS = 8
 _LEAST_PERCENT = 5.0
 _LEAST_GAIN = 0.03
 """Part of the whole residual's square below which a family is not worth a word."""
@@ -100,7 +97,9 @@ def find_structure(
     recordings: Sequence[Recording],
     processing: Processing,
     *,
+    weights: Sequence[float] | None = None,
     least_percent: float = _LEAST_PERCENT,
+    largest: float = LARGEST,
 ) -> tuple[Finding, ...]:
     """Return the families that explain at least `least_percent` of a joint's residual, joint by joint.
 
@@ -109,10 +108,15 @@ def find_structure(
         library: the functions of the robot.
         recordings: logs, of the fit or held out.
         processing: filter and decimation.
+        weights: what the squares of each log's residuals count for; one if None.
         least_percent: of the residual's square.
+        largest: bytes of a joint's equations; of longer logs, one in some of them is looked at.
     """
     found: list[Finding] = []
-    for card, residual in _list_residuals(values, library, recordings, processing):
+    residuals = find_joint_residuals(
+        values, library, recordings, processing, weights=weights, largest=largest
+    )
+    for card, residual in residuals:
         found += [
             Finding(
                 joint=card.name,
@@ -135,14 +139,9 @@ def find_profiles(
     Arguments as for `find_structure`.
     """
     found = []
-    for card, residual in _list_residuals(values, library, recordings, processing):
-        table = np.vstack(
-            [
-                decimate_columns(np.column_stack([motion.q, motion.dq, motion.load]), residual.decimation)
-                for motion in residual.motions
-            ]
-        )
-        position, velocity, load = (find_profile(column, residual.error) for column in table.T)
+    for card, residual in find_joint_residuals(values, library, recordings, processing):
+        table = residual.thin_out(lambda motion: [motion.q, motion.dq, motion.load])
+        position, velocity, load = (find_profile(column, residual.plain) for column in table.T)
         found.append(
             JointProfiles(
                 joint=card.name,
@@ -156,61 +155,7 @@ def find_profiles(
     return tuple(found)
 
 
-def _list_residuals(
-    values: FloatArray, library: Library, recordings: Sequence[Recording], processing: Processing
-) -> Iterator[tuple[JointCard, "_Residual"]]:
-    """Yield every joint that moves in one of the logs, with what is left of its torque."""
-    processing = settle_processing(processing, recordings[0].period)
-    logs = []
-    for recording in recordings:
-        resting = find_resting_joints(recording)
-        signals = settle_joints(prepare_signals(recording, processing), resting)
-        (columns,) = library.evaluate("torque_regressor", signals.q, signals.dq, signals.ddq)
-        if library.card.friction:
-            (friction,) = library.evaluate("friction_regressor", signals.dq)
-            columns = np.concatenate([columns, friction], axis=2)
-        logs.append((signals, columns, set(resting)))
-    for joint, card in enumerate(library.card.joints):
-        moving = [(signals, columns) for signals, columns, resting in logs if joint not in resting]
-        if moving:
-            yield card, _find_residual(values, moving, joint, processing.decimation)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Residual:
-    """What is left of one joint: rows after decimation, the model's span, blocks, and the motions behind."""
-
-    error: FloatArray
-    span: FloatArray
-    blocks: NDArray[np.intp]
-    motions: tuple[Motion, ...]
-    decimation: Decimation
-
-
-def _find_residual(
-    values: FloatArray, logs: Sequence[tuple[Signals, FloatArray]], joint: int, decimation: Decimation
-) -> _Residual:
-    parts = [
-        decimate_columns(np.column_stack([columns[:, joint], signals.tau[:, joint]]), decimation)
-        for signals, columns in logs
-    ]
-    table = np.vstack(parts)
-    error = table[:, -1] - table[:, :-1] @ values
-    # What rounding leaves has no structure.
-    if float(error @ error) <= 1e-20 * float(table[:, -1] @ table[:, -1]):
-        error = np.zeros_like(error)
-    return _Residual(
-        error=error,
-        span=_find_span(table[:, :-1]),
-        blocks=_number_blocks([len(part) for part in parts]),
-        motions=tuple(
-            Motion(signals=signals, predicted=columns @ values, joint=joint) for signals, columns in logs
-        ),
-        decimation=decimation,
-    )
-
-
-def _try_families(residual: _Residual) -> list[tuple[str, float, float]]:
+def _try_families(residual: JointResidual) -> list[tuple[str, float, float]]:
     """Return (family, share, squares explained), the most first."""
     size = float(residual.error @ residual.error)
     if not size:
@@ -219,24 +164,14 @@ def _try_families(residual: _Residual) -> list[tuple[str, float, float]]:
     gain = _find_gain(residual.span, residual.error, residual.blocks)
     found = [(OTHER_VALUES, gain / size, gain)]
     for name, family in FAMILIES.items():
-        parts = [family.build(motion) for motion in residual.motions]
-        if not parts[0]:
+        functions = residual.thin_out(family.build)
+        if not functions.shape[1]:
             continue
-        functions = np.vstack(
-            [decimate_columns(np.column_stack(part), residual.decimation) for part in parts]
-        )
+        functions *= residual.roots[:, None]
         gain = _find_gain(_find_new(functions, residual.span), new, residual.blocks)
         if gain > _LEAST_GAIN * size:
             found.append((name, gain / float(new @ new), gain))
     return sorted(found, key=lambda entry: -entry[2])
-
-
-def _find_span(model: FloatArray) -> FloatArray:
-    """Return an orthonormal basis (m, r) of the columns."""
-    lengths = np.linalg.norm(model, axis=0)
-    alive = lengths > 1e-12 * max(lengths.max(initial=0.0), _TINY)
-    left, singular, _ = np.linalg.svd(model[:, alive] / lengths[alive], full_matrices=False)
-    return np.asarray(left[:, singular > 1e-9 * max(singular.max(initial=0.0), _TINY)])
 
 
 def _find_new(functions: FloatArray, span: FloatArray) -> FloatArray:
@@ -247,20 +182,18 @@ def _find_new(functions: FloatArray, span: FloatArray) -> FloatArray:
     return np.asarray(left[:, singular**2 > _NEW])
 
 
-def _number_blocks(lengths: Sequence[int]) -> NDArray[np.intp]:
-    """Return the block of each row, the logs cut alike, so that each block holds a part of every log."""
-    return np.concatenate([np.arange(length) * _BLOCKS // length for length in lengths])
-
-
 def _find_gain(functions: FloatArray, error: FloatArray, blocks: NDArray[np.intp]) -> float:
     """Return the part of |error|^2 that the functions explain of blocks they were not fitted to."""
     if not functions.shape[1]:
         return 0.0
+    table = np.column_stack([functions, error])
+    # A triangle has the squares of its block, at a fraction of the size.
+    triangles = [np.asarray(np.linalg.qr(table[blocks == block], mode="r")) for block in range(BLOCKS)]
     left = 0.0
-    for block in range(_BLOCKS):
-        held = blocks == block
-        factors = np.linalg.lstsq(functions[~held], error[~held], rcond=1e-10)[0]
-        rest = error[held] - functions[held] @ factors
+    for held in range(BLOCKS):
+        others = np.vstack([triangles[block] for block in range(BLOCKS) if block != held])
+        factors = np.linalg.lstsq(others[:, :-1], others[:, -1], rcond=1e-10)[0]
+        rest = triangles[held][:, -1] - triangles[held][:, :-1] @ factors
         left += float(rest @ rest)
     return max(0.0, float(error @ error) - left)
 
@@ -276,14 +209,18 @@ def find_profile(x: FloatArray, error: FloatArray, bins: int = 24) -> Profile:
 
 
 def warn_of_structure(
-    values: FloatArray, library: Library, recordings: Sequence[Recording], processing: Processing
+    values: FloatArray,
+    library: Library,
+    recordings: Sequence[Recording],
+    processing: Processing,
+    weights: Sequence[float] | None = None,
 ) -> tuple[Notice, ...]:
     """Return a notice for every joint whose residual a missing term explains, naming the likeliest.
 
     Arguments as for `find_structure`.
     """
     first: dict[str, Finding] = {}
-    found = find_structure(values, library, recordings, processing)
+    found = find_structure(values, library, recordings, processing, weights=weights)
     # A term that is missing says more than values that do not fit, which may be its doing.
     for finding in sorted(found, key=lambda entry: entry.family == OTHER_VALUES):
         first.setdefault(finding.joint, finding)

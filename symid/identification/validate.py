@@ -6,7 +6,7 @@ Supported: torque rows (the default), and momentum and energy rows.
 Not supported: a log with other joints, or a model other than the estimate's.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from hashlib import sha256
 from pathlib import Path
 
@@ -18,12 +18,13 @@ from symid.codegen.library import Library
 from symid.data.recording import Recording
 from symid.errors import EstimateError, Notice
 from symid.identification.estimate import Estimate, Series, Validation
+from symid.identification.fitted_processing import settle_as_fitted
 from symid.identification.preparation import prepare_rows
 from symid.identification.rows import WINDOW, Rows
 from symid.identification.statistics import find_residuals
 from symid.robot.log_map import Processing
 
-__all__ = ["check_model", "find_digest", "find_window", "validate_estimate"]
+__all__ = ["check_model", "find_digest", "validate_estimate"]
 
 
 def validate_estimate(
@@ -34,8 +35,18 @@ def validate_estimate(
     *,
     rows: str = "torque",
     window: float = WINDOW,
+    overlap: float = 0.0,
 ) -> Validation:
     """Return residuals and series of `recording` under the estimate; nothing is fitted.
+
+    Args:
+        estimate: the parameters.
+        library: the functions of the same model.
+        recording: the log.
+        processing: as stated; what it leaves open is as in the fit, see `settle_as_fitted`.
+        rows: one of `ROW_KINDS`.
+        window: length of windows in s.
+        overlap: part of a window that the next one shares.
 
     Raises:
         EstimateError: the estimate belongs to another model than the library.
@@ -44,7 +55,8 @@ def validate_estimate(
     """
     check_model(estimate, library.card)
     fitted = _is_fitted(estimate, recording.source)
-    built = prepare_rows(rows, library, recording, processing, window=window)
+    settled = settle_as_fitted(estimate, processing, recording)
+    built = prepare_rows(rows, library, recording, settled.processing, window=window, overlap=overlap)
     predicted = built.matrix @ estimate.assemble(built.names)
     return Validation(
         robot=estimate.robot,
@@ -55,7 +67,8 @@ def validate_estimate(
         series=_split_series(built, predicted),
         samples=len(built.values),
         fitted=fitted,
-        notices=(*built.notices, *([_say_fitted(recording.source)] if fitted else [])),
+        notices=(*settled.notices, *built.notices, *([_say_fitted(recording.source)] if fitted else [])),
+        processing=settled,
     )
 
 
@@ -86,19 +99,6 @@ def check_model(estimate: Estimate, card: ModelCard, file: str = "") -> None:
         "use the same robot and options, or identify again"
     )
     raise EstimateError(Notice(code="estimate.signature", text=text, file=file))
-
-
-def find_window(settings: Mapping[str, object]) -> float:
-    """Return the length in s of the windows that momentum and energy rows had, the default if none is told.
-
-    Raises:
-        EstimateError: it is no positive number.
-    """
-    window = settings.get("window", WINDOW)
-    if isinstance(window, bool) or not isinstance(window, int | float) or not 0.0 < window < float("inf"):
-        text = f"its settings have no usable 'window': expected a positive number, got {window!r}"
-        raise EstimateError(Notice(code="estimate.settings", text=text))
-    return float(window)
 
 
 def find_digest(source: str) -> str:

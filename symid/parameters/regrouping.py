@@ -1,14 +1,15 @@
 """Base parameters as others group them: the exact change from our groups to theirs.
 
-Input: base parameters, groups written as sums of standard parameters. Output: `Regrouping`, the matrix T
-with theirs = T ours, exact.
+Input: base parameters, groups written as sums of parameters. Output: `Regrouping`, the matrix T with
+theirs = T ours, exact.
 
 Our groups are in reduced echelon form: each has a representative that no other group holds. What a group of
 theirs holds of a representative is what it holds of our group; if nothing is left then, both say the same.
 
 Supported: sums with decimal or fractional factors; names as symid writes them (XX1, MX2, IA3, Fv4, offset5,
-IAm6) and the widespread Ixx1, mx2, m2, Ia3, fv4, fs4, off5, Iam6, fvm6, fsm6.
-Not supported: groups whose factors are symbols.
+IAm6), base parameters by theirs (ZZR1, ZZ1R), and the widespread Ixx1, mx2, m2, Ia3, fv4, fs4, off5, Iam6,
+fvm6, fsm6.
+Not supported: groups whose factors are symbols; factors that were rounded.
 """
 
 import re
@@ -16,14 +17,25 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-from sympy import Expr, Integer, Matrix, Rational
+import numpy as np
+from sympy import Expr, Integer, Matrix, Rational, Symbol
+from sympy.polys.matrices import DomainMatrix
 
+from symid.arrays import FloatArray
 from symid.dynamics.labels import Label, write_label
 from symid.errors import Notice, UsageError
 from symid.parameters.base import BaseParameters, build_standard_parameters
+from symid.parameters.explain import write_combination
 from symid.robot.description import Robot
 
-__all__ = ["Regrouping", "find_regrouping", "read_group"]
+__all__ = [
+    "Regrouping",
+    "build_regrouping",
+    "find_change",
+    "find_group_row",
+    "find_regrouping",
+    "read_group",
+]
 
 _ALIASES = {
     **{f"I{name.lower()}": name for name in ("XX", "XY", "XZ", "YY", "YZ", "ZZ")},
@@ -34,9 +46,19 @@ _ALIASES = {
     "Ia": "IA",
     "fv": "Fv",
     "fs": "Fc",
+    "fc": "Fc",
+    "Fs": "Fc",
     "off": "offset",
 }
-_TERM = re.compile(r"\s*([+-])?\s*(?:(\d+(?:\.\d*)?(?:/\d+)?)\s*\*\s*)?([A-Za-z]+?)(m\d+|\d+)\s*")
+_TERM = re.compile(
+    r"\s*([+-])?\s*(?:(\d+(?:\.\d*)?(?:[eE][+-]?\d{1,3})?(?:/[1-9]\d*)?|\.\d+(?:[eE][+-]?\d{1,3})?)\s*\*\s*)?"
+    r"([A-Za-z]\w*)\s*"
+)
+_HEAD = re.compile(r"([A-Za-z]+?)(m?\d+)R")
+
+_LARGEST = 10**12
+
+_Terms = dict[Label, Expr]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,31 +79,62 @@ class Regrouping:
         return len(self.rows) + len(self.absent) == len(self.names)
 
 
-def read_group(text: str, robot: Robot) -> dict[Label, Fraction]:
+def read_group(text: str, robot: Robot, base: BaseParameters | None = None) -> _Terms:
     """Return a group such as "Izz1 + Ia1 + 0.07*mz3" as factors of standard parameters.
+
+    Args:
+        text: the sum.
+        robot: whose parameters it names.
+        base: base parameters that it may name as well; none by default.
 
     Raises:
         UsageError: the text is no such sum, or a name is no parameter of the robot.
     """
-    known = _list_names(robot)
-    found: dict[Label, Fraction] = {}
+    known = _list_names(robot, base)
+    found: _Terms = {}
     place = 0
-    while place < len(text):
+    # Printed tables have the minus of typography.
+    text = text.replace("\N{MINUS SIGN}", "-")
+    while place < len(text) or not text:
         match = _TERM.match(text, place)
         if match is None or (place and match[1] is None):
             raise UsageError(_say_unreadable(text, text[place:]))
-        sign, factor, stem, end = match.groups()
-        name = f"{_ALIASES.get(stem, stem)}{end}"
-        if name not in known:
-            raise UsageError(_say_unreadable(text, f"{stem}{end}"))
+        sign, factor, name = match.groups()
+        terms = _resolve(name, known)
+        if terms is None:
+            raise UsageError(_say_unreadable(text, name))
         share = Fraction(factor or "1") * (-1 if sign == "-" else 1)
-        found[known[name]] = found.get(known[name], Fraction(0)) + share
+        if share and not 1 / _LARGEST <= abs(share) <= _LARGEST:
+            message = f"group {text!r}: factor {factor} of {name} is not between 1e-12 and 1e12"
+            raise UsageError(Notice(code="usage.unreadable-group", text=message))
+        for label, value in terms:
+            found[label] = found.get(label, Integer(0)) + _find_exact(share) * value
         place = match.end()
     return found
 
 
-def _list_names(robot: Robot) -> dict[str, Label]:
-    return {write_label(robot, label): label for label in build_standard_parameters(robot).labels}
+def _list_names(robot: Robot, base: BaseParameters | None) -> dict[str, tuple[tuple[Label, Expr], ...]]:
+    names = {entry.name: entry.terms for entry in (*base.parameters, *base.friction)} if base else {}
+    # A name of both kinds is a base parameter that stands for itself: either meaning is the same.
+    standard = build_standard_parameters(robot).labels
+    return names | {write_label(robot, label): ((label, Integer(1)),) for label in standard}
+
+
+def _resolve(
+    name: str, known: Mapping[str, tuple[tuple[Label, Expr], ...]]
+) -> tuple[tuple[Label, Expr], ...] | None:
+    """Return what a name of ours, or a widespread one, stands for; None where there is no such name."""
+    head = _HEAD.fullmatch(name)
+    spellings = (name, f"{head[1]}R{head[2]}") if head else (name,)
+    for spelling in spellings:
+        if spelling in known:
+            return known[spelling]
+        # Longer stems first: "my2" is a moment before it is a mass.
+        for stem in sorted(_ALIASES, key=len, reverse=True):
+            ours = f"{_ALIASES[stem]}{spelling.removeprefix(stem)}"
+            if spelling.startswith(stem) and ours in known:
+                return known[ours]
+    return None
 
 
 def _say_unreadable(text: str, part: str) -> Notice:
@@ -91,31 +144,125 @@ def _say_unreadable(text: str, part: str) -> Notice:
     return Notice(code="usage.unreadable-group", text=message)
 
 
-def find_regrouping(base: BaseParameters, groups: Sequence[Mapping[Label, Fraction]]) -> Regrouping:
-    """Return the exact matrix from our parameters to those of `groups`.
+def find_group_row(
+    base: BaseParameters, group: Mapping[Label, Expr | Fraction], name: str
+) -> tuple[Expr, ...]:
+    """Return what a group holds of each of our parameters, exactly; `name` is what messages call it.
 
     Raises:
-        UsageError: a group holds what no motion shows, or says what others say already.
+        UsageError: it is no sum of ours; the message says what is left over.
     """
     ours = (*base.parameters, *base.friction)
-    rows = []
-    for number, group in enumerate(groups, start=1):
-        row = [_find_exact(group.get(entry.label, Fraction(0))) for entry in ours]
-        left: dict[Label, Expr] = {label: _find_exact(factor) for label, factor in group.items()}
-        for share, entry in zip(row, ours, strict=True):
-            for label, factor in entry.terms if share else ():
-                left[label] = left.get(label, Integer(0)) - share * factor
-        if any(value.expand() != 0 for value in left.values()):
-            text = f"group {number} holds a combination of parameters that no motion of {base.robot} shows"
-            raise UsageError(Notice(code="usage.other-groups", text=text))
-        rows.append(tuple(row))
-    if Matrix(rows).rank() != len(rows):
-        text = f"the {len(rows)} groups are not independent: one of them follows from the others"
-        raise UsageError(Notice(code="usage.other-groups", text=text))
+    row = [_find_exact(group.get(entry.label, Integer(0))) for entry in ours]
+    left: _Terms = {label: _find_exact(factor) for label, factor in group.items()}
+    for share, entry in zip(row, ours, strict=True):
+        for label, factor in entry.terms if share else ():
+            left[label] = left.get(label, Integer(0)) - share * factor
+    rest = {label: value for label in sorted(left) if (value := left[label].expand()) != 0}
+    if rest:
+        raise UsageError(_say_left_over(base, group, rest, name))
+    return tuple(row)
+
+
+def _say_left_over(
+    base: BaseParameters,
+    group: Mapping[Label, Expr | Fraction],
+    rest: Mapping[Label, Expr],
+    name: str,
+) -> Notice:
+    written = _write_labels(base)
+    over = write_combination(
+        [(written.get(label, f"{label[1]}{label[0] + 1}"), value) for label, value in rest.items()]
+    )
+    text = (
+        f"{name} holds a combination of parameters that no motion of {base.robot} shows: {over} is left over"
+    )
+    whole = [
+        f"{entry.name} = {entry.expression}"
+        for entry in (*base.parameters, *base.friction)
+        if entry.label in group and len(entry.terms) > 1
+    ]
+    if whole:
+        text += f" when {'; '.join(whole)} is taken out"
+    text += "; write the whole group, with factors that are not rounded"
+    return Notice(code="usage.other-groups", text=text)
+
+
+def _write_labels(base: BaseParameters) -> dict[Label, str]:
+    """Return the names of all standard parameters."""
+    names = {entry.label: entry.name for entry in base.eliminated}
+    for entry in (*base.parameters, *base.friction):
+        head = f"{entry.label[1]}R" if len(entry.terms) > 1 else entry.label[1]
+        names[entry.label] = f"{entry.label[1]}{entry.name.removeprefix(head)}"
+    return names
+
+
+def find_regrouping(
+    base: BaseParameters,
+    groups: Sequence[Mapping[Label, Expr | Fraction]],
+    names: Sequence[str] = (),
+) -> Regrouping:
+    """Return the exact matrix from our parameters to those of `groups`, which messages call `names`.
+
+    Raises:
+        UsageError: groups hold what no motion shows (all are told), or say what others say already.
+    """
+    titles = [repr(name) for name in names] or [f"group {number}" for number in range(1, len(groups) + 1)]
+    rows: list[tuple[Expr, ...]] = []
+    notices: list[Notice] = []
+    for title, group in zip(titles, groups, strict=True):
+        try:
+            rows.append(find_group_row(base, group, title))
+        except UsageError as error:
+            notices += error.notices
+    if notices:
+        raise UsageError(*notices)
+    return build_regrouping(base, rows, titles)
+
+
+def build_regrouping(
+    base: BaseParameters, rows: Sequence[tuple[Expr, ...]], titles: Sequence[str]
+) -> Regrouping:
+    """Return the matrix of `rows`, one a group, each as `find_group_row` gives it.
+
+    Raises:
+        UsageError: some of them follow from others; the message says which from which.
+    """
+    notices = [
+        Notice(
+            code="usage.other-groups",
+            text=f"the {len(rows)} groups are not independent: {titles[number]} follows from "
+            f"{', '.join(titles[other] for other in sources) or 'nothing'}; leave one of them out",
+        )
+        for number, sources in _find_dependent_rows(rows)
+    ]
+    if notices:
+        raise UsageError(*notices)
+    ours = (*base.parameters, *base.friction)
     absent = [entry.name for k, entry in enumerate(ours) if not any(row[k] for row in rows)]
-    names = tuple(entry.name for entry in ours)
-    return Regrouping(names=names, rows=tuple(rows), absent=tuple(absent))
+    return Regrouping(names=tuple(entry.name for entry in ours), rows=tuple(rows), absent=tuple(absent))
 
 
-def _find_exact(value: Fraction) -> Expr:
-    return Rational(value.numerator, value.denominator)
+def _find_dependent_rows(rows: Sequence[Sequence[Expr]]) -> tuple[tuple[int, tuple[int, ...]], ...]:
+    """Return the rows that are sums of rows before them, each with the rows that it is a sum of."""
+    if not rows:
+        return ()
+    columns = DomainMatrix.from_Matrix(Matrix(rows).T, extension=True).to_field()
+    reduced, pivots = columns.rref()
+    entries = reduced.to_Matrix()
+    return tuple(
+        (number, tuple(pivot for k, pivot in enumerate(pivots) if entries[k, number] != 0))
+        for number in range(len(rows))
+        if number not in pivots
+    )
+
+
+def find_change(rows: Sequence[Sequence[Expr]], robot: Robot) -> FloatArray:
+    """Return rows of T as numbers, (m, n), with the robot's values of the symbols it writes."""
+    symbols = {Symbol(name): value for name, value in robot.symbols}
+    numbers = [[float(value.subs(symbols)) for value in row] for row in rows]
+    return np.array(numbers, dtype=np.float64).reshape(len(rows), -1 if rows else 0)
+
+
+def _find_exact(value: Expr | Fraction) -> Expr:
+    return Rational(value.numerator, value.denominator) if isinstance(value, Fraction) else value

@@ -215,6 +215,8 @@ def _write_gain(name: str, gain: MeanGain, other: float, improved: float) -> tup
 
 
 def _list_contest(contest: Contest) -> StudyTable:
+    timed = any(math.isfinite(run.seconds) for run in contest.runs)
+    times = (f"ms{_MARK}",) if timed else ()
     names = (
         "estimator",
         "sum of squares",
@@ -222,7 +224,7 @@ def _list_contest(contest: Contest) -> StudyTable:
         "evaluations",
         "linear problems",
         "iterations",
-        f"ms{_MARK}",
+        *times,
     )
     rows = [
         (
@@ -232,10 +234,10 @@ def _list_contest(contest: Contest) -> StudyTable:
             str(run.evaluations),
             str(run.solves),
             str(run.iterations),
-            f"{1e3 * run.seconds:.0f}",
+            *(f"{1e3 * run.seconds:.0f}" for _ in times),
         )
         if not run.reason
-        else (run.estimator, *("-",) * 6)
+        else (run.estimator, *("-",) * (len(names) - 1))
         for run in contest.runs
     ]
     refused = [f"{run.estimator} was not run: {run.reason}." for run in contest.runs if run.reason]
@@ -245,9 +247,10 @@ def _list_contest(contest: Contest) -> StudyTable:
         rows=tuple(rows),
         notes=(
             "Excess: over the least sum of squares of all. Every estimator with its defaults.",
-            (
+            *(
                 f"{_MARK} The least of three runs with the uncertainty of the result, on a machine as busy "
                 "as it was; differs from run to run, as nothing else here does."
+                for _ in times
             ),
             *refused,
         ),

@@ -7,6 +7,7 @@ Not supported: interaction; figures are drawn once.
 """
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from symid.identification.estimate import Estimate
 from symid.identification.structure import JointProfiles, Profile
 from symid.report.figures import build_curve_figure, build_line_figure
 from symid.report.lines import Line
+from symid.report.tables import write_digits
 
 __all__ = ["DiagnosisSection", "ProfileFigures", "build_diagnosis"]
 
@@ -47,6 +49,7 @@ class DiagnosisSection:
     scatter: Cells
     drift: str
     changed: Cells
+    changed_names: tuple[str, ...]
     structure: Cells
     profiles: tuple[ProfileFigures, ...]
     prices: Cells
@@ -77,11 +80,15 @@ def build_diagnosis(estimate: Estimate, diagnosis: Diagnosis) -> DiagnosisSectio
         changed=tuple(
             (
                 entry.name,
-                *(f"{v:.4g} ± {d:.2g}" for v, d in zip(entry.values, entry.deviations, strict=True)),
+                *(
+                    f"{v:.4g} ± {write_digits(d)}"
+                    for v, d in zip(entry.values, entry.deviations, strict=True)
+                ),
             )
             for entry in diagnosis.drift.changed
             if len(entry.values) == len(diagnosis.drift.runs)
         ),
+        changed_names=("name", *(Path(estimate.sources[run]).name for run in diagnosis.drift.runs)),
         structure=tuple(
             (
                 entry.joint,
@@ -145,8 +152,8 @@ def _list_scatter(estimate: Estimate, diagnosis: Diagnosis) -> Cells:
         (
             name,
             f"{stated[name].value:.5g}",
-            f"{stated[name].std:.2g}",
-            f"{deviation:.2g}",
+            write_digits(stated[name].std),
+            write_digits(deviation),
             f"{low:.4g}",
             f"{high:.4g}",
             "no" if name in dropped else "yes",

@@ -13,6 +13,7 @@ __all__ = [
     "ParameterLine",
     "ResidualLine",
     "list_settings",
+    "write_digits",
     "write_error",
     "write_parameter",
     "write_residual",
@@ -62,8 +63,8 @@ def write_parameter(entry: ParameterEstimate) -> ParameterLine:
     return ParameterLine(
         name=entry.name,
         value=f"{entry.value:.5g}",
-        std=f"{entry.std:.2g}" if math.isfinite(entry.std) else _UNKNOWN,
-        relative=f"{_write_percent(relative)} %" if math.isfinite(relative) else _UNKNOWN,
+        std=write_digits(entry.std) if math.isfinite(entry.std) else _UNKNOWN,
+        relative=f"{write_digits(relative)} %" if math.isfinite(relative) else _UNKNOWN,
         unit=entry.unit,
         truth=truth,
         error=error,
@@ -77,10 +78,10 @@ def write_error(value: float, truth: float) -> str:
     """Return the error relative to a true value that is not zero, with its sign."""
     percent = 100.0 * (value - truth) / abs(truth)
     sign = "\N{MINUS SIGN}" if percent < 0.0 else "+"
-    return f"{sign}{_write_percent(abs(percent))} %"
+    return f"{sign}{write_digits(abs(percent))} %"
 
 
-def _write_percent(value: float) -> str:
+def write_digits(value: float) -> str:
     """Return two digits, more from 100 on, where two would need a power of ten."""
     return f"{value:.0f}" if 99.5 <= value < 1e6 else f"{value:.2g}"
 

@@ -21,6 +21,7 @@ from enum import Enum
 from fractions import Fraction
 
 from symid.errors import Notice, RobotError
+from symid.robot.controller import Controller
 from symid.robot.elasticity import Elasticity
 from symid.robot.geometry import IDENTITY, ZERO, Exact, Placement
 from symid.robot.log_map import LogMap, Processing
@@ -194,7 +195,8 @@ class Robot:
 
     `gravity` is the gravity vector in the base frame (m/s^2), `symbols` the values of
     symbols (name, SI), `convention` what the file stated, `path` where it was read.
-    `notices` is what a reader of the file should know and is no mistake.
+    `notices` is what a reader of the file should know and is no mistake; `controller` is None where the file
+    states none.
 
     Joints that follow no other have a coordinate each, in the order of the joints: `freedom` coordinates,
     `axes` are those joints. Joints and couplings together are numbered through (joints first); the number
@@ -210,6 +212,7 @@ class Robot:
     source: str = ""
     log: LogMap = field(default_factory=LogMap)
     processing: Processing = field(default_factory=Processing)
+    controller: Controller | None = None
     path: str = ""
     notices: tuple[Notice, ...] = ()
     couplings: tuple[Coupling, ...] = ()

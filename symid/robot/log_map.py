@@ -37,6 +37,8 @@ class LogMap:
     `transmission` is the matrix T (n, n) of motors that move more than one joint: angles of the motors =
     T (angles of the joints), and so torques of the joints = T' (torques of the motors). None: gear ratios.
     `preset` names the program that wrote the log, whose columns stand in for quantities that are None.
+    `reference`, `reference_velocity` are what the controller was asked to follow, `feedforward` the torque
+    that it added to its own.
     """
 
     time: LogQuantity | None = None
@@ -45,6 +47,9 @@ class LogMap:
     torque: LogQuantity | None = None
     motor_position: LogQuantity | None = None
     link_position: LogQuantity | None = None
+    reference: LogQuantity | None = None
+    reference_velocity: LogQuantity | None = None
+    feedforward: LogQuantity | None = None
     transmission: tuple[tuple[float, ...], ...] | None = None
     preset: str | None = None
 

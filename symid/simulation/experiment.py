@@ -5,17 +5,17 @@ Output: `SimulationRun`: the recording, and the truth behind it.
 
     tau = g(q_d(0)) + Kp (q_d - q_m) + Kd (dq_d - dq_f)    each period, held until the next
 
-with q_m from the encoder and dq_f its low-passed difference. The weight at the first pose is carried from the
-first tick on, so that no run begins with a fall. The logged torque at a sample is
-that of a sensor that averages over the period around it: the mean of the torques before and
-after the tick, so that it belongs to the same instant as the position.
+with q_m from the encoder and dq_f its low-passed difference; a robot file's controller may say otherwise. The
+weight at the first pose is carried from the first tick on, so that no run begins with a fall. The logged
+torque at a sample is that of a sensor that averages over the period around it: the mean of the torques before
+and after the tick, so that it belongs to the same instant as the position. The log has the reference too.
 
 Supported: joint PD, torque limits of the robot file. A run whose energy balance does not close, or that
 leaves ten times the position limits, is an error and never a log.
 Not supported: further feed-forward, motor-side logs, elastic joints (see `elastic_experiment`).
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from symid.codegen.library import Library
 from symid.data.recording import Recording
 from symid.errors import Notice, SolverError, UsageError
 from symid.excitation.motion import Motion
+from symid.robot.controller import Controller
 from symid.robot.description import Robot
 from symid.simulation.guards import (
     Timing,
@@ -50,6 +51,8 @@ class ExperimentOptions:
 
     `duration` None for the trajectory's own; `stiffness` (Kp) and `damping` (Kd) per joint, None for
     gains that give `bandwidth` with critical damping at the joint's mean effective inertia.
+    `controller`, where there is one, takes the place of these gains and of `velocity_filter`; a constant
+    torque that it does not state is the weight at the first pose.
     """
 
     duration: float | None = None
@@ -60,6 +63,7 @@ class ExperimentOptions:
     stiffness: tuple[float, ...] | None = None
     damping: tuple[float, ...] | None = None
     sensors: SensorOptions = field(default_factory=SensorOptions)
+    controller: Controller | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -72,6 +76,7 @@ class SimulationRun:
             each sample to the next; the last row repeats the one before.
         kinetic, potential, work, dissipation: (N,) J; work and dissipation since the start.
         events: how often a joint came to rest or turned.
+        controller: what the robot was controlled by.
     """
 
     recording: Recording
@@ -84,6 +89,7 @@ class SimulationRun:
     work: FloatArray
     dissipation: FloatArray
     events: int
+    controller: Controller
 
     def __post_init__(self) -> None:
         """Copy the arrays and make them read-only."""
@@ -100,8 +106,9 @@ class SimulationRun:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Control:
-    """Gains (n,), weight carried (n,), pole of the velocity filter, limits (n,), positions run away (n,)."""
+    """Gains (n,), constant torque (n,), pole of the velocity filter, limits (n,), positions run away (n,)."""
 
+    law: Controller
     stiffness: FloatArray
     damping: FloatArray
     weight: FloatArray
@@ -148,6 +155,8 @@ def simulate_experiment(
             time=times,
             position=quantise(q, sensors.step),
             torque=add_torque_noise(logged, sensors, rng),
+            reference=desired,
+            reference_velocity=speeds,
             source=f"simulated: {robot.name}, {trajectory.source}",
             notices=find_saturation(robot, torque, control.limit),
         ),
@@ -160,6 +169,7 @@ def simulate_experiment(
         work=work,
         dissipation=dissipation,
         events=states[-1].events,
+        controller=control.law,
     )
 
 
@@ -176,10 +186,13 @@ def _run(
     states, torque = [state], np.zeros_like(desired)
     measured = quantise(state.q, sensors.step)
     velocity = np.zeros(plant.size)
+    sensed = control.law.velocity_source == "sensor"
+    asked = float(control.law.velocity == "error")
     for k in range(len(desired) - 1):
         before, measured = measured, quantise(state.q, sensors.step)
-        velocity = velocity + control.blend * ((measured - before) / timing.period - velocity)
-        error, slip = desired[k] - measured, speeds[k] - velocity
+        raw = state.dq if sensed else (measured - before) / timing.period
+        velocity = velocity + control.blend * (raw - velocity)
+        error, slip = desired[k] - measured, asked * speeds[k] - velocity
         demand = control.weight + control.stiffness * error + control.damping * slip
         torque[k] = np.minimum(np.maximum(demand, -control.limit), control.limit)
         state = plant.advance(state, torque[k], timing.period, timing.substeps)
@@ -207,11 +220,19 @@ def _build_control(
     if not (np.all(np.isfinite(inertia)) and np.all(inertia > 0.0)):
         raise SolverError(describe_massless(robot))
     pole = 2.0 * np.pi * options.bandwidth
+    law = options.controller or Controller(
+        stiffness=options.stiffness or tuple((pole**2 * inertia).tolist()),
+        damping=options.damping or tuple((2.0 * pole * inertia).tolist()),
+        velocity_filter=options.velocity_filter,
+    )
+    cutoff = law.velocity_filter
+    weight = plant.find_weight(desired[0]) if law.offset is None else np.array(law.offset)
     return _Control(
-        stiffness=np.array(options.stiffness) if options.stiffness else pole**2 * inertia,
-        damping=np.array(options.damping) if options.damping else 2.0 * pole * inertia,
-        blend=1.0 - float(np.exp(-2.0 * np.pi * options.velocity_filter * options.period)),
-        weight=plant.find_weight(desired[0]),
+        law=replace(law, offset=tuple(weight.tolist()), torque="average"),
+        stiffness=np.array(law.stiffness),
+        damping=np.array(law.damping),
+        blend=1.0 if cutoff is None else 1.0 - float(np.exp(-2.0 * np.pi * cutoff * options.period)),
+        weight=weight,
         limit=find_limits(robot),
         reach=find_reach(robot, desired),
     )
@@ -223,8 +244,8 @@ def _find_timing(trajectory: Motion, options: ExperimentOptions) -> Timing:
         period=options.period,
         substeps=options.substeps,
         bandwidth=options.bandwidth,
-        stiffness=options.stiffness,
-        damping=options.damping,
+        stiffness=options.controller.stiffness if options.controller else options.stiffness,
+        damping=options.controller.damping if options.controller else options.damping,
     )
 
 

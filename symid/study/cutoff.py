@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from symid.codegen.library import Library
 from symid.data.recording import Recording
 from symid.errors import IdentifiabilityError
-from symid.identification.cutoff import choose_filters
+from symid.identification.cutoff import choose_filters, choose_window
 from symid.identification.identify import identify_parameters
 from symid.identification.metric import find_band_residual, predict_torques
 from symid.robot.log_map import Decimation, Processing
@@ -72,6 +72,7 @@ def study_cutoff(
     settled = choose_filters(processing, [recording]).processing
     if settled.filter_cutoff is None:
         settled = choose_filters(replace(settled, automatic=True), [recording]).processing
+    window = choose_window("momentum", settled, recording.period)
     count = len(recording.time)
     middle = round(_SHARE * count)
     rest = replace(settled, drop_first=max(settled.drop_first, middle))
@@ -86,7 +87,7 @@ def study_cutoff(
                 cutoff=value,
                 decimated=_foretell(library, recording, filtered, rest, "torque"),
                 plain=_foretell(library, recording, plain, rest, "torque"),
-                momentum=_foretell(library, recording, plain, rest, "momentum"),
+                momentum=_foretell(library, recording, plain, rest, "momentum", window=window),
             )
         )
         if progress is not None:
@@ -107,9 +108,13 @@ def _foretell(
     fitted: Processing,
     judged: Processing,
     rows: str,
+    *,
+    window: float | None = None,
 ) -> float | None:
     try:
-        estimate = identify_parameters(library, [recording], fitted, rows=rows, estimator="wls")
+        estimate = identify_parameters(
+            library, [recording], fitted, rows=rows, estimator="wls", window=window
+        )
     except IdentifiabilityError:
         return None
     names = tuple(entry.name for entry in (*library.card.beta, *library.card.friction))

@@ -33,7 +33,7 @@ _TORQUE_NOISE = 0.02
 class Cell:
     """One method on one dataset: spreads over the seeds, outcomes and choices with how often they came.
 
-    `seconds` is the median processor time, `iterations` the largest number.
+    `seconds` is the median processor time, nan where it was not asked for, `iterations` the largest number.
     """
 
     method: str
@@ -78,6 +78,7 @@ def study_elastic(
     datasets: Sequence[Dataset] = DATASETS,
     methods: tuple[str, ...] = STUDY_METHODS,
     jobs: int | None = None,
+    timed: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> ElasticStudy:
     """Return the errors of all methods, clean (one run) and noisy (one run a seed).
@@ -88,6 +89,7 @@ def study_elastic(
         datasets: which recordings are identified together.
         methods: some of `STUDY_METHODS`.
         jobs: processes; None for one a core.
+        timed: whether to tell the time that each method took, which differs from run to run.
         progress: told how many tasks are done, of how many.
 
     Raises:
@@ -117,13 +119,13 @@ def study_elastic(
                 seeds=len(every),
                 bound=bound,
                 spring_bound=spring_bound,
-                cells=_summarise(every),
+                cells=_summarise(every, timed=timed),
             )
         )
     return ElasticStudy(robot=world.library.card.robot, studies=tuple(studies))
 
 
-def _summarise(results: Sequence[tuple[MethodRun, ...]]) -> tuple[Cell, ...]:
+def _summarise(results: Sequence[tuple[MethodRun, ...]], *, timed: bool) -> tuple[Cell, ...]:
     """Return a cell for every method; `results` has the runs of every seed."""
     return tuple(
         Cell(
@@ -131,7 +133,7 @@ def _summarise(results: Sequence[tuple[MethodRun, ...]]) -> tuple[Cell, ...]:
             parameter=find_spread(np.array([run.parameter_error for run in runs])),
             hysteresis=find_spread(np.array([run.hysteresis_error for run in runs])),
             excited=find_spread(np.array([run.excited_error for run in runs])),
-            seconds=float(np.median([run.seconds for run in runs])),
+            seconds=float(np.median([run.seconds for run in runs])) if timed else math.nan,
             iterations=max(run.iterations for run in runs),
             outcomes=_count([run.outcome for run in runs]),
             choices=_count([run.chosen for run in runs if run.chosen]),

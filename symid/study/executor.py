@@ -1,27 +1,29 @@
-"""Many independent tasks, in this process or in several, with results in the order of the tasks.
+"""Many independent tasks in worker processes, with results in the order of the tasks.
 
 Input: a function that can be pickled, its tasks. Output: its results.
 
-Each task carries its own seed, so that the results are the same for any number of processes.
+Each task carries its own seed, and every worker has one thread for its linear algebra, even where it is the
+only one: results are the same to the last bit for any number of processes and of cores.
 
-Supported: any number of processes on this machine; an error of a task ends all.
-Not supported: tasks that depend on each other.
+Supported: any number of processes on this machine; an error of a task, or an interruption, ends all.
+Not supported: tasks that depend on each other; a script that calls this while it is imported.
 """
 
 import multiprocessing
 import os
-from collections.abc import Callable, Sequence
+import signal
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from typing import TypeVar
 
 from symid.errors import Notice, UsageError
+from symid.threads import THREAD_VARIABLES, ask_for_one_thread
 
 __all__ = ["find_jobs", "run_tasks"]
 
 A = TypeVar("A")
 B = TypeVar("B")
-
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def find_jobs(jobs: int | None) -> int:
@@ -58,27 +60,46 @@ def run_tasks(
     Raises:
         UsageError: jobs is not positive.
     """
-    count = min(find_jobs(jobs), max(1, len(tasks)))
+    count = min(find_jobs(jobs), len(tasks))
     results: list[B] = []
-    if count == 1:
-        for task in tasks:
-            results.append(function(task))
-            _tell(progress, len(results), len(tasks))
-        return tuple(results)
+    if not tasks:
+        return ()
     # A process that is forked from one with threads may hang; a fresh one costs half a second.
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(max_workers=count, mp_context=context, initializer=_use_one_thread) as pool:
-        for result in pool.map(function, tasks):
-            results.append(result)
-            _tell(progress, len(results), len(tasks))
+    others = set(multiprocessing.active_children())
+    with ProcessPoolExecutor(max_workers=count, mp_context=context, initializer=_end_quietly) as pool:
+        try:
+            # A worker may load NumPy before it comes to any line of ours, with the caller's own script: the
+            # threads must be in the environment that it is born with. All start here.
+            with _one_thread():
+                waiting = [pool.submit(function, task) for task in tasks]
+            for future in waiting:
+                results.append(future.result())
+                if progress is not None:
+                    progress(len(results), len(tasks))
+        except BaseException:
+            # The pool would wait for what runs.
+            for worker in set(multiprocessing.active_children()) - others:
+                worker.terminate()
+            raise
     return tuple(results)
 
 
-def _tell(progress: Callable[[int, int], None] | None, done: int, whole: int) -> None:
-    if progress is not None:
-        progress(done, whole)
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Ask for one thread in processes that are started meanwhile."""
+    before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
+    ask_for_one_thread()
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
 
 
-def _use_one_thread() -> None:
-    """Keep the linear algebra of a worker to one thread: the workers share the cores already."""
-    os.environ |= dict.fromkeys(_THREADS, "1")
+def _end_quietly() -> None:
+    """Let Ctrl-C, which the terminal sends to all processes, end a worker without a traceback of its own."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)

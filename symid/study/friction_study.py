@@ -6,8 +6,8 @@ Input: seeds. Output: `FrictionStudy`.
     S3: gains of the improved law (Table 4)        a second robot with published friction
     contests: all estimators on one data set, with what each of them cost
 
-Every seed draws its own noise, so that the results are the same for any number of processes; the time spent
-is the only number that differs from run to run.
+Every seed draws its own noise, so that the results are the same for any number of processes; the time that
+estimators take is the only number that differs from run to run, and is measured only where it is asked for.
 
 Supported: at least two seeds. Not supported: the paper's own recordings, which are not public.
 """
@@ -73,6 +73,7 @@ def study_friction(
     seeds: Sequence[int],
     *,
     jobs: int | None = None,
+    timed: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> FrictionStudy:
     """Return all tables.
@@ -80,6 +81,7 @@ def study_friction(
     Args:
         seeds: of the noise, at least two; S2 draws all of them, S1 the first 20, the others the first 100.
         jobs: processes; None for one a core.
+        timed: whether the time that each estimator takes is measured.
         progress: told how many tasks are done, of how many.
 
     Raises:
@@ -89,10 +91,7 @@ def study_friction(
         text = f"{len(seeds)} draw: a standard deviation over draws needs two or more"
         raise UsageError(Notice(code="usage.friction-draws", text=text))
     # Before the processes start: they would share the cores with what is timed.
-    contests = (
-        run_contest("Table 1, joint 1, one direction", build_sweep_scene(SWEEPS[0]), seeds[0]),
-        run_contest("Table 3, joint 1, two cosines", build_recovery_scene(0), seeds[0]),
-    )
+    contests = _run_contests(seeds[0], timed=timed)
     wanted = [build_recovery_scene(index) for index in range(len(TABLE_3))]
     second = [build_second_scene(index) for index in range(len(RV_2SQ))]
     gains = [build_gain_scene(index) for index in range(len(TABLE_3))]
@@ -128,6 +127,14 @@ def study_friction(
         second=others,
         contests=contests,
         checks=find_checks(agreed, recovery, gained, others, contests),
+    )
+
+
+def _run_contests(seed: int, *, timed: bool) -> tuple[Contest, ...]:
+    sweep, cosines = build_sweep_scene(SWEEPS[0]), build_recovery_scene(0)
+    return (
+        run_contest("Table 1, joint 1, one direction", sweep, seed, timed=timed),
+        run_contest("Table 3, joint 1, two cosines", cosines, seed, timed=timed),
     )
 
 

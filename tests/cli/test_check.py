@@ -141,7 +141,7 @@ def test_a_static_log_ends_with_4(capsys, write, columns):
 def test_a_joint_at_rest_is_named(capsys, write, columns):
     q = columns["q"] * [1.0, 0.0]
     code, answer = call_json(capsys, "two_link", write(q=q))
-    assert code == 0
+    assert (code, answer["errors"][0]["code"]) == (4, "check.poor")
     text = codes(answer)["log.not-excited"]
     assert "cannot be told from these logs" in text
     assert "at rest: elbow" in text

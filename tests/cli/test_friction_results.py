@@ -137,7 +137,7 @@ def test_an_arm_keeps_what_did_not_move(capsys, arm_logs, tmp_path):
 def test_dynamics_and_friction_become_one_file(capsys, arm_logs, tmp_path):
     names = ("estimate.json", "friction.json", "dynamics.toml", "identified.toml")
     estimate, result, dynamics, identified = (tmp_path / name for name in names)
-    call_json(capsys, "identify", "two_link", *arm_logs, *PLAIN_PROCESSING, "-o", estimate)
+    call_json(capsys, "identify", "two_link", *arm_logs, *PLAIN_PROCESSING, "--partial", "-o", estimate)
     call_json(
         capsys,
         "identify",
@@ -217,7 +217,7 @@ def test_mean_periods_are_not_asked_of_another_log(capsys, other_log, tmp_path):
 
 def test_known_base_parameters_are_kept_with_the_friction(capsys, arm_logs, tmp_path):
     estimate, result = tmp_path / "estimate.json", tmp_path / "friction.json"
-    call_json(capsys, "identify", "two_link", *arm_logs, *PLAIN_PROCESSING, "-o", estimate)
+    call_json(capsys, "identify", "two_link", *arm_logs, *PLAIN_PROCESSING, "--partial", "-o", estimate)
     arguments = ("identify", "two_link", *arm_logs[:2], *LAW, "--model", "stribeck+offset")
     call_json(capsys, *arguments, *PLAIN_PROCESSING, "--known", estimate, "-o", result)
     estimate.unlink()

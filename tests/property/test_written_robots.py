@@ -303,3 +303,21 @@ def test_hints_without_their_marks_are_valid():
         assert joint.friction.values == (1.0, 2.0, 0.0)
         assert joint.elasticity == Elasticity()
         assert joint.limits.torque == 50.0
+        assert (joint.limits.acceleration, joint.limits.jerk) == (10.0, 100.0)
+
+
+def test_hints_complete_tables_that_are_there():
+    drive = Drive(gear=50.0)
+    limits = Limits(position=(-1.0, 2.0), velocity=3.0)
+    joints = tuple(
+        Joint(name=name, kind=kind, parent=-1, placement=IDENTITY, drive=drive, limits=limits)
+        for name, kind in (("turn", JointKind.REVOLUTE), ("slide", JointKind.PRISMATIC))
+    )
+    text = write_robot(Robot(name="arm", joints=joints), comment="Made by hand.", hints=True)
+    assert (text.count("[joint.drive]"), text.count("[joint.limits]")) == (2, 2)
+    _, _, body = text.partition("\n")
+    for joint in parse_robot("\n".join(line.removeprefix("# ") for line in body.split("\n"))).joints:
+        assert joint.drive == Drive(
+            gear=50.0, has_rotor=True, rotor_inertia=1e-5 * 50.0**2, torque_constant=0.1
+        )
+        assert joint.limits == dataclasses.replace(limits, torque=50.0, acceleration=10.0, jerk=100.0)

@@ -369,6 +369,14 @@ def test_lines_of_other_lengths_are_named_the_first_five(make_robot, tmp_path):
     assert "3 more" in caught.value.notices[-1].text
 
 
+@pytest.mark.parametrize("value", [1e300, -1e101])
+def test_a_number_whose_square_overflows_is_none(make_robot, columns, write_npz, value):
+    tau = columns["tau"].copy()
+    tau[4, 1] = value
+    found = problems(write_npz(t=columns["t"], q=columns["q"], tau=tau), make_robot())["log.not-finite"]
+    assert "holds 1 values that are no numbers (NaN, infinite, beyond 1e+100); the first at sample 4" in found
+
+
 def test_an_empty_cell_is_a_missing_number(make_robot, tmp_path):
     path = tmp_path / "log.csv"
     path.write_text("t,q1,tau1\n0,1,2\n1,,2\n2,1,2\n3,1,2\n")

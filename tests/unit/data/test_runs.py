@@ -1,5 +1,7 @@
 """Files of runs: what each run asks for, and the place of every mistake."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from symid.data.runs import (
     find_weights,
     list_files,
     read_log_runs,
+    read_recorded_runs,
     read_runs,
 )
 from symid.errors import LogError
@@ -51,6 +54,53 @@ def test_every_run_is_cut_and_moved_as_it_asks(make_robot, columns, write):
     assert (echo[0]["payload"], echo[0]["weight"], echo[0]["drop_last"]) == ("tool", 2.5, 6)
     check_one_payload([first, second])
     assert [file.name for file in list_files([path], make_robot())] == ["a.npz", "b.npz"]
+
+
+def test_runs_are_read_again_from_what_a_result_tells(make_robot, write):
+    path = write(
+        HEAD + "weight = 2.5\ndrop_first = 4\ndrop_last = 6\noffset = [0.1, '-pi/2']\n"
+        '[[run]]\nfile = "b.npz"\n'
+    )
+    recordings = read_log_runs(path, make_robot())
+    sources = [entry.source for entry in recordings]
+    told = json.loads(json.dumps(describe_runs(recordings)))["runs"]
+    again = read_recorded_runs(sources, told, make_robot())
+    for first, second in zip(recordings, again, strict=True):
+        np.testing.assert_array_equal(first.position, second.position)
+        assert first.run == second.run
+        assert first.notices == second.notices
+    plain = read_recorded_runs(sources, None, make_robot())
+    assert [len(entry.time) for entry in plain] == [50, 50]
+    assert [entry.run for entry in read_recorded_runs(sources, [told[0], {}], make_robot())][1] is None
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"drop_first": -1},
+        {"drop_last": 1.5},
+        {"weight": "two"},
+        {"offset": [0.0, 0.0, 0.0]},
+        {"offset": ["x"]},
+        {"payload": None},
+        {"strange": 1},
+    ],
+)
+def test_what_a_result_tells_is_checked(make_robot, write, change):
+    recordings = read_log_runs(write(HEAD + "drop_first = 4\n"), make_robot())
+    told = json.loads(json.dumps(describe_runs(recordings)))["runs"]
+    for broken in ([{**told[0], **change}], told * 2, "x"):
+        with pytest.raises(LogError) as caught:
+            read_recorded_runs([recordings[0].source], broken, make_robot())
+        (notice,) = caught.value.notices
+        assert notice.code == "runs.settings"
+        assert "identify again" in notice.text
+
+
+def test_all_logs_that_are_gone_are_told(make_robot, tmp_path):
+    with pytest.raises(LogError) as caught:
+        read_recorded_runs([str(tmp_path / "x.npz"), str(tmp_path / "y.npz")], None, make_robot())
+    assert [notice.code for notice in caught.value.notices] == ["log.no-such-file"] * 2
 
 
 def test_payloads_do_not_mix(make_robot, write):

@@ -27,8 +27,10 @@ def test_every_robot_of_the_documentation_is_read(project):
 def test_settings_of_the_documentation_are_read(project, robots_folder):
     emps = (robots_folder / "emps.toml").read_text(encoding="utf-8").partition("[log]")[0]
     blocks = [b for b in find_blocks(project, "robot_file.md", "toml") if "[[joint]]" not in b]
-    assert len(blocks) == 2
-    assert parse_robot(emps + "".join(blocks)).log.torque.unit == "V"
+    assert len(blocks) == 3
+    robot = parse_robot(emps + "".join(blocks))
+    assert robot.log.torque.unit == "V"
+    assert robot.controller.velocity == "measured"
 
 
 def test_the_table_of_the_documentation_is_read(project):

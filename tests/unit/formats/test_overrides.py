@@ -36,7 +36,7 @@ def test_no_setting_changes_nothing(emps):
     assert override_robot(emps, []) == emps
     assert override_robot(emps, [("processing.drop_last", "0")]) == emps
     assert list_processing(emps.processing)["filter_order"] == 4
-    assert set(list_log(emps.log)) == {"time", "position", "torque"}
+    assert set(list_log(emps.log)) == {"time", "position", "torque", "reference"}
 
 
 def test_the_filter_can_be_turned_off(emps):

@@ -5,10 +5,10 @@ import pytest
 
 from symid.data.recording import Recording
 from symid.data.signals import settle_processing
-from symid.identification.cutoff import choose_filters
+from symid.identification.cutoff import choose_filters, choose_window
 from symid.identification.identify import identify_parameters
 from symid.identification.spectra import find_bands
-from symid.robot.log_map import Processing
+from symid.robot.log_map import Decimation, Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
 
 AUTOMATIC = Processing(automatic=True)
@@ -74,3 +74,21 @@ def test_the_choice_lowers_the_bias_of_noisy_positions():
         found = estimate.assemble(tuple(entry.name for entry in estimate.parameters))
         errors.append(np.abs(found - TWO_LINK_TRUTH)[:6])
     assert np.linalg.norm(errors[1]) < 0.5 * np.linalg.norm(errors[0])
+
+
+def test_windows_of_momentum_rows_are_as_long_as_torque_rows_are_apart():
+    recording = record()
+    estimate = identify_parameters(build_two_link(), [recording], AUTOMATIC, rows="momentum")
+    factor = estimate.settings["processing"]["decimation"]["factor"]
+    assert factor > 1
+    assert estimate.settings["window"] == pytest.approx(factor * recording.period)
+    torque = identify_parameters(build_two_link(), [recording], AUTOMATIC)
+    assert estimate.samples == pytest.approx(torque.samples, rel=0.01)
+    # Where every sample counts, or where long windows are the point, a tenth of a second.
+    assert choose_window("momentum", Processing(), 1e-3) == 0.1
+    thinned = Processing(decimation=Decimation(factor=10))
+    assert [choose_window(kind, thinned, 1e-3) for kind in ("momentum", "energy", "filtered")] == [
+        pytest.approx(0.01),
+        0.1,
+        0.1,
+    ]

@@ -51,6 +51,18 @@ def test_what_is_zero_goes_and_what_is_not_stays():
         assert {entry.name for entry in found.dropped} | set(found.kept) == set(NAMES)
 
 
+def test_deviations_follow_the_rule_for_the_noise_of_the_fit():
+    rows = replace(build_rows(noise=3.0), independent=0.25)
+    fitted = fit_ols(rows, (seen := find_identifiability(rows)), "one")
+    count = len(rows.values)
+    first = {
+        freedom: find_essential(rows, fitted, seen, freedom=freedom).dropped[0].ratio
+        for freedom in ("band", "one")
+    }
+    expected = np.sqrt((0.25 * count - len(TRUTH)) / (count - 1.0))
+    assert first["band"] / first["one"] == pytest.approx(expected, rel=1e-9)
+
+
 def test_the_rest_is_a_least_squares_fit_without_the_dropped_columns():
     rows = build_rows()
     fitted, seen = fit(rows)

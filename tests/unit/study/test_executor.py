@@ -1,11 +1,15 @@
-"""Tasks give the same results in one process and in two, in their order."""
+"""Tasks give the same results in one process and in two, in their order, with one thread each."""
 
 import math
+import multiprocessing
+import os
+import time
 
 import pytest
 
 from symid.errors import UsageError
 from symid.study.executor import find_jobs, run_tasks
+from symid.threads import THREAD_VARIABLES
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
@@ -34,3 +38,23 @@ def test_the_number_of_processes_is_checked():
     with pytest.raises(UsageError) as caught:
         find_jobs(0)
     assert caught.value.notices[0].code == "usage.jobs"
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_every_worker_is_born_with_one_thread(monkeypatch, jobs):
+    monkeypatch.setenv("OMP_NUM_THREADS", "4")
+    monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
+    before = dict(os.environ)
+    assert run_tasks(os.getenv, THREAD_VARIABLES, jobs=jobs) == ("1",) * len(THREAD_VARIABLES)
+    assert dict(os.environ) == before
+
+
+def test_an_interruption_ends_the_workers():
+    def interrupt(done, whole):
+        raise KeyboardInterrupt
+
+    begin = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        run_tasks(time.sleep, (0.0, 300.0, 300.0), jobs=2, progress=interrupt)
+    assert time.monotonic() - begin < 60.0
+    assert not multiprocessing.active_children()

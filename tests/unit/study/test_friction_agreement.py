@@ -71,7 +71,7 @@ def test_a_contest_names_who_could_not_take_part():
     from symid.study.friction_data import build_scene, build_whole_cosines
 
     scene = build_scene("1", "stribeck", TRUTH, build_whole_cosines((0.5,), 100), 0.7)
-    runs = {run.estimator: run for run in run_contest("both directions", scene, 0).runs}
+    runs = {run.estimator: run for run in run_contest("both directions", scene, 0, timed=True).runs}
     assert tuple(runs) == ESTIMATORS
     refused = runs.pop("root-finding")
     assert "one direction" in refused.reason

@@ -1,10 +1,12 @@
 """The study as a whole, and what it says of its own claims."""
 
+import math
 from dataclasses import replace
 
 import pytest
 
 from symid.errors import UsageError
+from symid.report.friction_study_tables import list_tables
 from symid.study import friction_study
 from symid.study.friction_agreement import Contest, EstimatorRun
 from symid.study.friction_checks import find_checks, find_gain_sentence
@@ -35,7 +37,7 @@ def contest():
 @pytest.fixture(scope="module")
 def study(contest):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(friction_study, "run_contest", lambda *_: contest)
+        patch.setattr(friction_study, "run_contest", lambda *_, **__: contest)
         yield study_friction(range(3, 6), jobs=1)
 
 
@@ -54,8 +56,20 @@ def test_all_parts_are_there(study):
     assert {entry.draws for entry in (*study.recovery, *study.gains, *study.agreement)} == {3}
 
 
+def test_times_stand_in_the_tables_where_they_were_measured(study, contest):
+    def list_heads(contest):
+        return [table.names[-1] for table in list_tables(replace(study, contests=(contest,)))]
+
+    (run,) = contest.runs
+    without = list_heads(replace(contest, runs=(replace(run, seconds=math.nan),)))
+    found = [pair for pair in zip(list_heads(contest), without, strict=True) if pair[0] != pair[1]]
+    assert len(found) == 1
+    assert found[0][0].startswith("ms")
+    assert found[0][1] == "iterations"
+
+
 def test_the_number_of_processes_changes_nothing(study, contest, monkeypatch):
-    monkeypatch.setattr(friction_study, "run_contest", lambda *_: contest)
+    monkeypatch.setattr(friction_study, "run_contest", lambda *_, **__: contest)
     told = []
     again = study_friction(range(3, 6), jobs=2, progress=lambda done, whole: told.append((done, whole)))
     assert again == study

@@ -1,0 +1,164 @@
+"""How a log is processed under an estimate: as the fit was, where nothing else is stated.
+
+Input: an estimate, processing as it is stated now, a recording. Output: `SettledProcessing`.
+
+    stated      a cut-off or a decimation that options or the robot file state
+    fit         what is left open, where the log has the sample period of the fit
+    log         what is left open otherwise: chosen from the log, by the rule that the fit used (`cutoff`)
+
+Supported: estimates of any rows; what an estimate says of its runs, windows and weights.
+Not supported: fits of logs with different sample periods: the first one's is the period of the fit.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from typing import Any
+
+from symid.data.recording import Recording
+from symid.errors import EstimateError, Notice
+from symid.identification.cutoff import choose_filters
+from symid.identification.estimate import CHOSEN, Estimate, SettledProcessing
+from symid.identification.rows import WINDOW
+from symid.robot.log_map import Decimation, Processing
+
+__all__ = [
+    "describe_processing",
+    "find_overlap",
+    "find_run_weights",
+    "find_window",
+    "read_fit_processing",
+    "settle_as_fitted",
+]
+
+_SAME = 0.01
+"""Periods that differ by less, relative to one another, are the same: clocks drift."""
+
+
+def settle_as_fitted(estimate: Estimate, processing: Processing, recording: Recording) -> SettledProcessing:
+    """Return how `recording` is processed under `estimate`.
+
+    Args:
+        estimate: its settings say how the fit processed its logs.
+        processing: as stated now; what it leaves open (`automatic`) is the fit's or chosen.
+        recording: the log.
+
+    Raises:
+        EstimateError: the settings of the estimate cannot be read.
+    """
+    left = _list_open(processing)
+    stated = dict.fromkeys(CHOSEN, "stated")
+    if not left:
+        return SettledProcessing(processing=replace(processing, automatic=False), origin=stated)
+    if _has_same_period(estimate.settings, recording):
+        fitted = read_fit_processing(estimate.settings)
+        settled = replace(processing, automatic=False)
+        if "filter_cutoff" in left:
+            settled = replace(settled, filter_cutoff=fitted.filter_cutoff)
+        if "decimation.factor" in left:
+            settled = replace(
+                settled, decimation=replace(settled.decimation, factor=fitted.decimation.factor)
+            )
+        return SettledProcessing(processing=settled, origin=stated | dict.fromkeys(left, "fit"))
+    choice = choose_filters(processing, [recording])
+    return SettledProcessing(
+        processing=choice.processing,
+        origin=stated | dict.fromkeys(left, "log"),
+        notices=tuple(replace(notice, file=recording.source) for notice in choice.notices),
+    )
+
+
+def _list_open(processing: Processing) -> tuple[str, ...]:
+    """Return which entries of `CHOSEN` are left open."""
+    if not processing.automatic:
+        return ()
+    left = (processing.filter_cutoff is None, processing.decimation.factor == 1)
+    return tuple(name for name, free in zip(CHOSEN, left, strict=True) if free)
+
+
+def describe_processing(
+    stated: Processing, used: Processing, recordings: Sequence[Recording]
+) -> dict[str, object]:
+    """Return for the settings of an estimate what was used, what of it was chosen, and the sample period.
+
+    Args:
+        stated: before the choice.
+        used: after it.
+        recordings: of the fit.
+    """
+    chosen = list(_list_open(stated))
+    return {
+        "processing": asdict(used),
+        "sample_period": recordings[0].period,
+        **({"chosen": chosen} if chosen else {}),
+    }
+
+
+def read_fit_processing(settings: Mapping[str, object]) -> Processing:
+    """Return how the fit behind an estimate's settings processed its logs.
+
+    Raises:
+        EstimateError: the settings do not say so, or not in a usable way.
+    """
+    stored = settings.get("processing")
+    table: dict[str, Any] = dict(stored) if isinstance(stored, Mapping) else {"": stored}
+    try:
+        decimation = Decimation(**table.get("decimation", {}))
+        return Processing(**{**table, "decimation": decimation})
+    except TypeError:
+        problem = _describe("processing", "a table of the processing", stored)
+        raise EstimateError(problem) from None
+
+
+def _has_same_period(settings: Mapping[str, object], recording: Recording) -> bool:
+    period = settings.get("sample_period")
+    if isinstance(period, bool) or not isinstance(period, int | float) or not period > 0.0:
+        return False
+    return math.isclose(period, recording.period, rel_tol=_SAME)
+
+
+def find_window(settings: Mapping[str, object]) -> float:
+    """Return the length in s of the windows that momentum and energy rows had, the default if none is told.
+
+    Raises:
+        EstimateError: it is no positive number.
+    """
+    window = settings.get("window", WINDOW)
+    if isinstance(window, bool) or not isinstance(window, int | float) or not 0.0 < window < float("inf"):
+        raise EstimateError(_describe("window", "a positive number", window))
+    return float(window)
+
+
+def find_overlap(settings: Mapping[str, object]) -> float:
+    """Return the part of a window that the next one shared, none if nothing is told.
+
+    Raises:
+        EstimateError: it is no part.
+    """
+    overlap = settings.get("overlap", 0.0)
+    if isinstance(overlap, bool) or not isinstance(overlap, int | float) or not 0.0 <= overlap < 1.0:
+        raise EstimateError(_describe("overlap", "a number from 0 to 1", overlap))
+    return float(overlap)
+
+
+def find_run_weights(settings: Mapping[str, object], count: int) -> tuple[float, ...] | None:
+    """Return what the squares of each of `count` logs' residuals counted for in the fit, None if all alike.
+
+    Raises:
+        EstimateError: they are no positive numbers, one a log.
+    """
+    weights = settings.get("weights")
+    if weights is None:
+        return None
+    usable = isinstance(weights, Sequence) and all(
+        isinstance(entry, int | float) and not isinstance(entry, bool) and 0.0 < entry < float("inf")
+        for entry in weights
+    )
+    if not isinstance(weights, Sequence) or not usable or len(weights) != count:
+        raise EstimateError(_describe("weights", f"{count} positive numbers", weights))
+    return tuple(map(float, weights))
+
+
+def _describe(name: str, expected: str, found: object) -> Notice:
+    text = f"its settings have no usable {name!r}: expected {expected}, got {found!r}"
+    return Notice(code="estimate.settings", text=text)

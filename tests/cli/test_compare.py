@@ -1,0 +1,475 @@
+"""`symid compare`: an estimate beside others, in their groups, with deviations of both."""
+
+import dataclasses
+import json
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from symid.cli.main import run
+from symid.codegen.model_card import build_model_card
+from symid.elastic.estimate import ElasticEstimate
+from symid.elastic.fit import ElasticOutcome
+from symid.elastic.motor_side import build_rigid_variant
+from symid.elastic.storage import write_elastic_estimate
+from symid.formats.settings import list_processing
+from symid.formats.toml import read_robot
+from symid.formats.writer import write_robot
+from symid.identification.estimate import ParameterEstimate, Residual
+from symid.identification.storage import write_estimate
+from symid.parameters.base import find_base_parameters
+from symid.robot.description import FrictionKind, FrictionValues
+from tests.chains import PUMA560
+from tests.estimates import STD, build_estimate, fill_robot, make_plain, store_estimate
+
+HEAD = "Izz1 + 1.0*Ia1 + Iyy2 + Iyy3 + 0.07*mz3 + 0.05185*m3 + 0.05185*m4 + 0.05185*m5 + 0.05185*m6"
+
+
+def call(capsys, *arguments):
+    code = run(["compare", *map(str, arguments), "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def find_codes(answer, key="warnings"):
+    return [notice["code"] for notice in answer[key]]
+
+
+@pytest.fixture(scope="module")
+def wrist(robots_folder, tmp_path_factory):
+    """Return the robot with a coupled wrist, an estimate of it, and its values by name."""
+    folder = tmp_path_factory.mktemp("wrist")
+    robot = fill_robot(read_robot(robots_folder / "tx40.toml"))
+    path = store_estimate(robot, folder / "ours.json")
+    estimate = build_estimate(robot)
+    return robot, path, {entry.name: entry.value for entry in estimate.parameters}
+
+
+def write_table(path, rows, heading="group,value,std"):
+    lines = [",".join(str(cell) for cell in row) for row in rows]
+    path.write_text("\n".join([heading, *lines]) + "\n", encoding="utf-8")
+    return path
+
+
+def list_all(values):
+    """Return a row for every parameter, twice the first and the sum of two neighbours for others."""
+    names = [name for name in values if name != "IA6"]
+    rows = [(f"2*{names[0]}", 2 * values[names[0]], 2 * STD)]
+    rows += [
+        (f"{name} - 0.5*{after}", values[name] - 0.5 * values[after], STD)
+        for name, after in pairwise(names[1:])
+    ]
+    return [*rows, (names[-1], values[names[-1]], STD)]
+
+
+def test_the_same_values_in_other_groups_agree(capsys, wrist, tmp_path):
+    _, ours, values = wrist
+    table = write_table(tmp_path / "table.csv", list_all(values))
+    code, answer = call(capsys, "tx40", ours, table, "--gate", "0.001")
+    assert (code, answer["ok"], answer["warnings"]) == (0, True, [])
+    (found,) = answer["result"]["others"]
+    assert (found["judged"], found["absent"], found["lacking"]) == (60, ["IA6"], 0)
+    assert found["within"] == {"2": 60, "3": 60}
+    assert found["largest"] < 1e-9
+    assert found["chi_square"]["value"] == pytest.approx(0.0, abs=1e-9)
+    assert (found["chi_square"]["freedom"], found["chi_square"]["probability"]) == (60, 1.0)
+    assert found["columns"] == {"name": "group", "value": "value", "deviation": "std", "percent": False}
+    assert run(["compare", "tx40", str(ours), str(table)]) == 0
+    assert "that is less than independent errors give" in capsys.readouterr().out
+    second = found["groups"][1]
+    assert second["ours_std"] == pytest.approx(STD * np.sqrt(1.25))
+    assert (second["line"], second["read_as"]) == (3, None)
+
+
+def test_a_group_of_standard_parameters_is_in_its_own_deviations(capsys, wrist, tmp_path):
+    _, ours, values = wrist
+    rows = [(HEAD, values["ZZR1"] - 3 * STD, 100 * np.sqrt(3) * STD / abs(values["ZZR1"] - 3 * STD))]
+    table = write_table(tmp_path / "table.csv", rows, "parameter,x,x_std_percent")
+    code, answer = call(capsys, "tx40", ours, table)
+    (found,) = answer["result"]["others"]
+    (group,) = found["groups"]
+    assert code == 0
+    assert group["deviations"] == pytest.approx(3 / np.sqrt(1 + 3))
+    assert group["unit"] == "kg m^2"
+    assert found["lacking"] == 0
+    assert len(found["absent"]) == 60
+
+
+def plant_coupling(values, path):
+    """Write a table in which two groups hold what drive m6 adds to their joints."""
+    held = values | {
+        "Fv5": values["Fv5"] + values["Fvm6"],
+        "Fv6": values["Fv6"] + values["Fvm6"],
+    }
+    return write_table(path, [(name, value, STD) for name, value in held.items()])
+
+
+def test_a_coupled_drive_that_groups_hold_unnamed_is_inferred_and_not_put_in(capsys, wrist, tmp_path):
+    _, ours, values = wrist
+    table = plant_coupling(values, tmp_path / "table.csv")
+    code, answer = call(capsys, "tx40", ours, table)
+    (found,) = answer["result"]["others"]
+    assert (code, find_codes(answer)) == (0, ["compare.coupled-reading"])
+    assert found["within"] == {"2": 59, "3": 59}
+    away = {entry["group"]: entry["deviations"] for entry in found["groups"]}
+    assert away["Fv5"] == pytest.approx(-values["Fvm6"] / (np.sqrt(2) * STD))
+    read = {entry["read_as"]: entry["decisive"] for entry in found["readings"]}
+    assert read == {
+        "Fv5 + Fvm6": True,
+        "Fv6 + Fvm6": True,
+        "IA5 + IAm6": False,
+        "IA6 + IAm6": False,
+    }
+    text = answer["warnings"][0]["text"]
+    assert "This is an inference; to compare so: --read-as " in text
+    assert '--read-as "Fv6 = Fv6 + Fvm6"' in text
+
+    options = ("--read-as", "Fv6 = Fv6 + Fvm6", "--read-as", "Fv5=fv5+fvm6", "--gate", "0.01")
+    code, answer = call(capsys, "tx40", ours, table, *options)
+    (found,) = answer["result"]["others"]
+    assert (code, answer["warnings"], found["within"]["2"]) == (0, [], 61)
+    assert {entry["group"]: entry["read_as"] for entry in found["groups"] if entry["read_as"]} == {
+        "Fv5": "fv5+fvm6",
+        "Fv6": "Fv6 + Fvm6",
+    }
+
+
+def test_a_term_for_which_only_numbers_speak_is_said_to_be_that(capsys, wrist, tmp_path):
+    _, ours, values = wrist
+    held = values | {"Fc2": values["Fc2"] - values["Fc4"]}
+    table = write_table(tmp_path / "table.csv", [(name, value, STD) for name, value in held.items()])
+    code, answer = call(capsys, "tx40", ours, table)
+    assert (code, find_codes(answer)) == (0, ["compare.other-reading"])
+    text = answer["warnings"][0]["text"]
+    assert "if it holds -Fc4 too; nothing but the numbers speaks for it" in text
+    assert text.endswith('--read-as "Fc2 = Fc2 - Fc4"')
+
+
+def test_values_that_are_plainly_different_find_no_term(capsys, wrist, tmp_path):
+    _, ours, values = wrist
+    held = values | {"Fc2": values["Fc2"] * 0.9321, "Fv5": values["Fv5"] * 1.1234}
+    table = write_table(tmp_path / "table.csv", [(name, value, STD) for name, value in held.items()])
+    code, answer = call(capsys, "tx40", ours, table, "--gate", "3")
+    assert (code, answer["ok"], answer["warnings"]) == (1, False, [])
+    assert find_codes(answer, "errors") == ["compare.gate"]
+    assert "more than the gate of 3" in answer["errors"][0]["text"]
+    assert answer["result"]["accepted"] is False
+
+
+def test_the_text_has_the_table_and_the_words(capsys, wrist, tmp_path):
+    _, ours, values = wrist
+    table = plant_coupling(values, tmp_path / "table.csv")
+    arguments = ["compare", "tx40", str(ours), str(table)]
+    assert run(arguments) == 0
+    first = capsys.readouterr()
+    assert run(arguments) == 0
+    assert capsys.readouterr().out == first.out
+    lines = first.out.splitlines()
+    assert lines[2].split() == ["group", "other", "std", "ours", "std", "in", "std"]
+    assert (
+        "59 of 61 within 2 deviations (58 expected), 59 of 61 within 3 deviations (61 expected)" in first.out
+    )
+    assert "chi-square" in first.out
+    assert "probability below 1e-12; it would be as expected with deviations" in first.out
+    assert "largest differences\n  Fv" in first.out
+    assert "the groups of the other span all base parameters, exactly" in first.out
+
+
+def test_the_same_call_gives_the_same_bytes(capsys, wrist, tmp_path):
+    _, ours, values = wrist
+    table = plant_coupling(values, tmp_path / "table.csv")
+    texts = []
+    for _ in range(2):
+        run(["compare", "tx40", str(ours), str(table), "--json"])
+        texts.append(capsys.readouterr().out)
+    assert texts[0] == texts[1]
+
+
+def test_all_mistakes_of_a_table_are_told_at_once(capsys, wrist, tmp_path):
+    _, ours, _ = wrist
+    rows = [("Izz1", 1, 0.1), ("fv1", "one", 0.1), ("what", 1, 0.1), ("fv2", 1, -1), ("fv3", 1)]
+    table = write_table(tmp_path / "table.csv", rows)
+    code, answer = call(capsys, "tx40", ours, table)
+    assert code == 3
+    assert [(entry["line"], entry["code"]) for entry in answer["errors"]] == [
+        (2, "usage.other-groups"),
+        (3, "table.not-a-number"),
+        (4, "usage.unreadable-group"),
+        (5, "table.not-a-number"),
+        (6, "table.line-length"),
+    ]
+    assert all(entry["file"] == str(table) for entry in answer["errors"])
+    assert "is left over when ZZR1 = ZZ1 + IA1" in answer["errors"][0]["text"]
+
+
+def test_a_group_that_follows_from_others_is_told_with_its_line(capsys, wrist, tmp_path):
+    _, ours, _ = wrist
+    table = write_table(tmp_path / "table.csv", [("fv1", 1, 1), ("fv1 + fv2", 1, 1), ("2*fv2", 1, 1)])
+    code, answer = call(capsys, "tx40", ours, table)
+    assert (code, find_codes(answer, "errors")) == (3, ["usage.other-groups"])
+    assert answer["errors"][0]["line"] == 4
+    assert "'2*fv2' follows from 'fv1', 'fv1 + fv2'" in answer["errors"][0]["text"]
+
+
+def test_rows_without_value_and_tables_without_deviation(capsys, wrist, tmp_path):
+    _, ours, values = wrist
+    rows = [("fv1", values["Fv1"] + STD), ("fv2", "")]
+    table = write_table(tmp_path / "table.csv", rows, "name,value")
+    code, answer = call(capsys, "tx40", ours, table)
+    assert (code, find_codes(answer)) == (0, ["compare.empty-value", "compare.no-deviation"])
+    (group,) = answer["result"]["others"][0]["groups"]
+    assert group["other_std"] is None
+    assert group["deviations"] == pytest.approx(-1.0)
+
+
+def test_percent_of_zero_are_no_deviation(capsys, wrist, tmp_path):
+    _, ours, values = wrist
+    rows = [("fv1", values["Fv1"], 3), ("fv2", 0, 3)]
+    table = write_table(tmp_path / "table.csv", rows, "name,value,std_percent")
+    code, answer = call(capsys, "tx40", ours, table)
+    assert (code, find_codes(answer)) == (0, ["compare.no-deviation"])
+    assert "percent of a value of zero are no deviation" in answer["warnings"][0]["text"]
+    spreads = [entry["other_std"] for entry in answer["result"]["others"][0]["groups"]]
+    assert spreads == [pytest.approx(0.03 * values["Fv1"]), None]
+
+
+@pytest.mark.parametrize(
+    ("options", "code"),
+    [
+        (("--read-as", "fv9 = fv1"), "usage.read-as"),
+        (("--read-as", "fv1"), "usage.read-as"),
+        (("--read-as", "fv1 = fv1", "--read-as", "fv1 = fv2"), "usage.read-as"),
+        (("--read-as", "fv1 = nothing"), "usage.unreadable-group"),
+        (("--read-as", "fv1 = Izz1"), "usage.other-groups"),
+        (("--value", "wls"), "usage.table-column"),
+    ],
+)
+def test_wrong_options_of_a_table(capsys, wrist, tmp_path, options, code):
+    _, ours, _ = wrist
+    table = write_table(tmp_path / "table.csv", [("fv1", 1, 1)])
+    status, answer = call(capsys, "tx40", ours, table, *options)
+    assert (status, find_codes(answer, "errors")) == (2, [code])
+
+
+def test_wrong_files(capsys, wrist, tmp_path):
+    _, ours, _ = wrist
+    code, answer = call(capsys, "tx40", ours, tmp_path / "none.csv", tmp_path / "none.json")
+    assert (code, find_codes(answer, "errors")) == (3, ["estimate.format"] * 2)
+    code, answer = call(capsys, "tx40", ours, ours)
+    assert (code, find_codes(answer, "errors")) == (2, ["usage.same-file"])
+    other = tmp_path / "other.json"
+    other.write_text("{}", encoding="utf-8")
+    code, answer = call(capsys, "tx40", ours, other)
+    assert (code, find_codes(answer, "errors")) == (3, ["estimate.format"])
+    copy = tmp_path / "copy.json"
+    copy.write_bytes(ours.read_bytes())
+    code, answer = call(capsys, "tx40", ours, copy, "--value", "x", "--read-as", "a = b")
+    assert (code, find_codes(answer, "errors")) == (2, ["usage.no-table"])
+    assert "--value, --read-as: of tables" in answer["errors"][0]["text"]
+    code, answer = call(capsys, "panda", ours, copy)
+    assert (code, find_codes(answer, "errors")) == (3, ["estimate.signature"])
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    """Return a folder with a robot file, and the robot with values."""
+    folder = tmp_path_factory.mktemp("arm")
+    joints = tuple(
+        dataclasses.replace(joint, friction=FrictionValues(kind=FrictionKind.VISCOUS_COULOMB))
+        for joint in PUMA560.joints
+    )
+    robot = fill_robot(dataclasses.replace(PUMA560, joints=joints))
+    (folder / "arm.toml").write_text(write_robot(robot), encoding="utf-8")
+    return folder, read_robot(folder / "arm.toml")
+
+
+def change_estimate(estimate, shifts=(), refused=()):
+    """Return an estimate with other values, and without some parameters."""
+    moved = dict(shifts)
+    kept = [k for k, entry in enumerate(estimate.parameters) if entry.name not in refused]
+    return dataclasses.replace(
+        estimate,
+        parameters=tuple(
+            dataclasses.replace(entry, value=entry.value + moved.get(entry.name, 0.0))
+            for entry in (estimate.parameters[k] for k in kept)
+        ),
+        covariance=tuple(tuple(estimate.covariance[i][j] for j in kept) for i in kept if estimate.covariance),
+        refused=tuple((name, "no motion shows it") for name in refused),
+    )
+
+
+def test_two_estimates_parameter_by_parameter(capsys, arm, tmp_path):
+    """Expected from the covariances of both: z, and chi-square with the inverse of their sum."""
+    folder, robot = arm
+    rng = np.random.default_rng(5)
+    count = len(build_estimate(robot).parameters)
+    roots = [1e-3 * rng.normal(size=(count, 2 * count)) for _ in range(2)]
+    first, second = (root @ root.T for root in roots)
+    ours = change_estimate(
+        build_estimate(robot, covariance=first, sources=("a.npz",)), refused=("Fc2", "Fv3")
+    )
+    shifts = {"ZZR1": 0.05, "Fc1": -0.01}
+    theirs = build_estimate(robot, covariance=second, sources=("b.npz",))
+    theirs = change_estimate(theirs, shifts, refused=("Fc2", "Fc4"))
+    write_estimate(ours, tmp_path / "ours.json")
+    write_estimate(theirs, tmp_path / "theirs.json")
+    code, answer = call(capsys, folder / "arm.toml", tmp_path / "ours.json", tmp_path / "theirs.json")
+    (found,) = answer["result"]["others"]
+    assert (code, answer["warnings"]) == (0, [])
+    assert (found["absent"], found["neither"], found["not_ours"]) == (["Fc4"], ["Fc2"], ["Fv3"])
+    assert (found["judged"], found["shared_logs"], found["columns"]) == (count - 3, [], None)
+    names = [entry.name for entry in build_estimate(robot).parameters]
+    kept = [k for k, name in enumerate(names) if name not in ("Fc2", "Fc4", "Fv3")]
+    assert [entry["group"] for entry in found["groups"]] == [names[k] for k in kept]
+    total = (first + second)[np.ix_(kept, kept)]
+    away = -np.array([shifts.get(names[k], 0.0) for k in kept])
+    np.testing.assert_allclose(
+        [entry["deviations"] for entry in found["groups"]], away / np.sqrt(np.diag(total)), atol=1e-9
+    )
+    assert found["chi_square"]["value"] == pytest.approx(away @ np.linalg.solve(total, away), rel=1e-6)
+
+
+def test_estimates_from_the_same_log_are_not_independent(capsys, arm, tmp_path):
+    folder, robot = arm
+    ours = build_estimate(robot, sources=("log.npz",))
+    same = change_estimate(ours, {"Fc1": 3 * STD})
+    digests = {**ours.settings, "log_digests": ["beef"]}
+    other = dataclasses.replace(same, sources=("copy.npz",), settings=digests)
+    ours = dataclasses.replace(ours, settings=digests)
+    for path, estimate in (("ours", ours), ("same", same), ("other", other)):
+        write_estimate(estimate, tmp_path / f"{path}.json")
+    paths = [tmp_path / f"{name}.json" for name in ("ours", "same", "other")]
+    code, answer = call(capsys, folder / "arm.toml", *paths)
+    assert (code, find_codes(answer)) == (0, ["compare.shared-logs"] * 2)
+    assert all(entry["shared_logs"] == ["log.npz"] for entry in answer["result"]["others"])
+    assert all(entry["chi_square"]["probability"] is None for entry in answer["result"]["others"])
+    assert run(["compare", str(folder / "arm.toml"), *map(str, paths)]) == 0
+    assert "with logs in common it has no probability" in capsys.readouterr().out
+
+
+def test_an_estimate_with_another_friction_model_shares_its_bodies(capsys, arm, tmp_path):
+    folder, robot = arm
+    joints = tuple(
+        dataclasses.replace(joint, friction=FrictionValues(kind=FrictionKind.ASYMMETRIC))
+        for joint in robot.joints
+    )
+    bodies = fill_robot(dataclasses.replace(robot, joints=joints))
+    store_estimate(robot, tmp_path / "ours.json", sources=("a.npz",))
+    store_estimate(bodies, tmp_path / "theirs.json", sources=("b.npz",))
+    code, answer = call(capsys, folder / "arm.toml", tmp_path / "ours.json", tmp_path / "theirs.json")
+    assert code == 0, answer
+    (found,) = answer["result"]["others"]
+    count = find_base_parameters(robot).count
+    assert [entry["group"] for entry in found["groups"]] == [
+        entry.name for entry in find_base_parameters(robot).parameters
+    ]
+    assert (found["judged"], len(found["other_model"]), len(found["absent"])) == (count, 24, 12)
+
+
+def test_what_cannot_be_compared_at_all(capsys, arm, tmp_path):
+    folder, robot = arm
+    estimate = build_estimate(robot)
+    names = [entry.name for entry in estimate.parameters]
+    write_estimate(change_estimate(estimate, refused=names[1:]), tmp_path / "first.json")
+    write_estimate(change_estimate(estimate, refused=names[:1]), tmp_path / "rest.json")
+    write_estimate(change_estimate(estimate, refused=names), tmp_path / "none.json")
+    code, answer = call(capsys, folder / "arm.toml", tmp_path / "first.json", tmp_path / "rest.json")
+    assert (code, find_codes(answer, "errors")) == (3, ["compare.nothing-common"])
+    code, answer = call(capsys, folder / "arm.toml", tmp_path / "first.json", tmp_path / "none.json")
+    assert (code, find_codes(answer, "errors")) == (3, ["compare.no-values"])
+
+
+def test_a_gate_without_any_deviation_cannot_be_passed(capsys, arm, tmp_path):
+    folder, robot = arm
+    estimate = build_estimate(robot)
+    unknown = dataclasses.replace(
+        estimate,
+        parameters=tuple(dataclasses.replace(entry, std=float("inf")) for entry in estimate.parameters),
+        covariance=(),
+    )
+    write_estimate(unknown, tmp_path / "ours.json")
+    table = write_table(tmp_path / "table.csv", [("fv1", 1.0)], "name,value")
+    code, answer = call(capsys, folder / "arm.toml", tmp_path / "ours.json", table, "--gate", "3")
+    assert (code, find_codes(answer, "errors")) == (1, ["compare.gate"])
+    assert "no deviation is known on either side" in answer["errors"][0]["text"]
+    assert run(["compare", str(folder / "arm.toml"), str(tmp_path / "ours.json"), str(table)]) == 0
+    assert "nothing can be judged" in capsys.readouterr().out
+
+
+def test_doubts_of_an_estimate_are_passed_on(capsys, arm, tmp_path):
+    from symid.errors import Notice
+
+    folder, robot = arm
+    doubt = Notice(code="identify.pattern", text="deviations are up to 2.9 times too small")
+    estimate = dataclasses.replace(build_estimate(robot), notices=(doubt,))
+    write_estimate(estimate, tmp_path / "ours.json")
+    table = write_table(tmp_path / "table.csv", [("fv1", 1.0, 0.1)])
+    _, answer = call(capsys, folder / "arm.toml", tmp_path / "ours.json", table)
+    assert [(entry["code"], entry["text"]) for entry in answer["warnings"]] == [
+        ("compare.pattern", "deviations are up to 2.9 times too small")
+    ]
+
+
+def test_an_estimate_without_covariance_says_so(capsys, arm, tmp_path):
+    folder, robot = arm
+    write_estimate(build_estimate(robot), tmp_path / "ours.json")
+    bare = dataclasses.replace(build_estimate(robot, sources=("other.npz",)), covariance=())
+    write_estimate(bare, tmp_path / "bare.json")
+    code, answer = call(capsys, folder / "arm.toml", tmp_path / "ours.json", tmp_path / "bare.json")
+    assert (code, find_codes(answer)) == (0, ["compare.no-covariance"])
+    assert answer["warnings"][0]["file"] == str(tmp_path / "bare.json")
+
+
+def store_elastic(robot, path, shift=0.0):
+    """Write an estimate of elastic joints with the values of the robot file, rotors among them."""
+    card = build_model_card(robot, find_base_parameters(robot), ())
+    cards = (*card.beta, *card.rotors, *card.friction)
+    parameters = tuple(
+        ParameterEstimate(name=entry.name, value=entry.value + shift, std=STD, unit=entry.unit)
+        for entry in cards
+    )
+    residual = tuple(
+        Residual(joint=joint.name, norm=1.0, relative_percent=1.0, std=0.1, samples=10, unit="N m")
+        for joint in card.joints
+    )
+    estimate = ElasticEstimate(
+        robot=robot.name,
+        signature=card.signature,
+        method="elimination",
+        reason="for the test",
+        parameters=parameters,
+        springs=(),
+        residual=residual,
+        energy=residual[0],
+        condition=1.0,
+        outcome=ElasticOutcome.SOLVED,
+        history=(),
+        trials=(),
+        sources=(f"{path.stem}.npz",),
+        settings={"processing": make_plain(list_processing(robot.processing))},
+        covariance=tuple(tuple(map(float, row)) for row in STD**2 * np.eye(len(cards))),
+    )
+    return write_elastic_estimate(estimate, path)
+
+
+def test_estimates_of_elastic_joints_are_compared_without_their_springs(capsys, robots_folder, tmp_path):
+    robot = read_robot(robots_folder / "two_link_elastic.toml")
+    ours = store_elastic(robot, tmp_path / "ours.json")
+    theirs = store_elastic(robot, tmp_path / "theirs.json", shift=STD)
+    code, answer = call(capsys, "two_link_elastic", ours, theirs)
+    assert code == 0, answer
+    codes = find_codes(answer)
+    assert [code for code in codes if code.startswith("compare")] == ["compare.springs"] * 2
+    (found,) = answer["result"]["others"]
+    base = find_base_parameters(robot)
+    names = [entry.name for entry in (*base.parameters, *base.friction)]
+    assert [entry["group"] for entry in found["groups"]] == names
+    assert [entry["deviations"] for entry in found["groups"]] == pytest.approx([-np.sqrt(0.5)] * len(names))
+    # Taken as rigid, rotors turn with the links: groups that hold one are other groups.
+    rigid = store_estimate(build_rigid_variant(robot), tmp_path / "rigid.json")
+    code, answer = call(capsys, "two_link_elastic", ours, rigid)
+    (found,) = answer["result"]["others"]
+    assert code == 0, answer
+    assert len(found["other_model"]) > 0
+    assert set(found["other_model"]) | {entry["group"] for entry in found["groups"]} >= set(names) - {"ZZR1"}
+    assert all(abs(entry["deviations"]) < 1e-6 for entry in found["groups"])

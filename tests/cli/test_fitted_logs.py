@@ -1,0 +1,181 @@
+"""`validate` and `report` process logs as the fit did: filters that were chosen, and settings of runs."""
+
+import json
+
+import numpy as np
+import pytest
+
+from symid.cli.main import run
+
+
+def call_json(capsys, *arguments):
+    """Run a verb with --json; return its exit code and the object."""
+    code = run([*map(str, arguments), "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def find_codes(answer):
+    return [entry["code"] for entry in answer["warnings"]]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, robots_folder):
+    """Return a folder with a robot that leaves its processing open, a clean log and a noisy one."""
+    folder = tmp_path_factory.mktemp("open")
+    text = (robots_folder / "two_link.toml").read_text(encoding="utf-8")
+    (folder / "arm.toml").write_text(text[: text.index("# For logs at 1 kHz.")], encoding="utf-8")
+    for name, seed in (("clean", 5), ("noisy", 6)):
+        path = folder / f"{name}.npz"
+        assert run(["simulate", "two_link", "--clean", "-o", str(path), "--seed", str(seed), "-q"]) == 0
+        columns = dict(np.load(path))
+        generator = np.random.default_rng(seed)
+        if name == "noisy":
+            for key in [key for key in columns if key.startswith("q")]:
+                columns[key] = columns[key] + generator.normal(0.0, 1e-3, size=columns[key].shape)
+        for key in [key for key in columns if key.startswith("tau")]:
+            columns[key] = columns[key] + generator.normal(0.0, 0.5, size=columns[key].shape)
+        np.savez(path, **columns)
+    count = len(columns["t"])
+    thin = {key: entry[::4] if entry.shape[:1] == (count,) else entry for key, entry in columns.items()}
+    np.savez(folder / "slow.npz", **thin)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def estimate(folder):
+    path = folder / "estimate.json"
+    assert run(["identify", str(folder / "arm.toml"), str(folder / "noisy.npz"), "-o", str(path), "-q"]) == 0
+    return path
+
+
+def validate(capsys, folder, log, *options):
+    call = ("validate", folder / "arm.toml", folder / "estimate.json", folder / log, *options)
+    code, answer = call_json(capsys, *call)
+    assert code == 0
+    return answer
+
+
+def test_validation_filters_as_the_fit_did(capsys, folder, estimate):
+    stored = json.loads(estimate.read_text())["settings"]["processing"]
+    call = ("identify", folder / "arm.toml", folder / "clean.npz")
+    assert call_json(capsys, *call, "-o", folder / "clean.json")[0] == 0
+    assert json.loads((folder / "clean.json").read_text())["settings"]["processing"] != stored
+    answer = validate(capsys, folder, "clean.npz")
+    used = answer["result"]["processing"]
+    assert used.pop("origin") == {"filter_cutoff": "fit", "decimation.factor": "fit"}
+    assert used == stored
+    # The estimate does not differ from a robot file that leaves it open.
+    assert "estimate.settings-differ" not in find_codes(answer)
+    run(["validate", str(folder / "arm.toml"), str(estimate), str(folder / "clean.npz"), "-q"])
+    out = capsys.readouterr().out
+    assert f"low-pass at {stored['filter_cutoff']:g} Hz" in out
+    assert "as in the fit" in out
+
+
+def test_a_log_at_another_rate_has_filters_of_its_own(capsys, folder, estimate):
+    stored = json.loads(estimate.read_text())["settings"]["processing"]
+    for options in ((), ("--band", "5")):
+        answer = validate(capsys, folder, "slow.npz", *options)
+        used = answer["result"]["processing"]
+        assert set(used["origin"].values()) == {"log"}
+        assert used["decimation"]["factor"] < stored["decimation"]["factor"]
+        assert "identify.automatic" in find_codes(answer)
+
+
+@pytest.mark.parametrize(
+    "case",
+    [("filter_cutoff=33", 33.0, None), ("decimation.factor=1", None, 1), ("decimation.factor=3", None, 3)],
+)
+def test_settings_of_the_call_win(capsys, folder, estimate, case):
+    setting, cutoff, factor = case
+    stored = json.loads(estimate.read_text())["settings"]["processing"]
+    used = validate(capsys, folder, "clean.npz", "--set", f"processing.{setting}")["result"]["processing"]
+    assert used["filter_cutoff"] == (cutoff or stored["filter_cutoff"])
+    assert used["decimation"]["factor"] == (factor or stored["decimation"]["factor"])
+    assert "stated" in used["origin"].values()
+
+
+@pytest.fixture(scope="module")
+def runs(folder):
+    """Return a file of three runs, no two of them alike, and the estimate from it."""
+    path = folder / "runs.toml"
+    path.write_text(
+        '[[run]]\nfile = "clean.npz"\nweight = 4\ndrop_last = 4000\n'
+        '[[run]]\nfile = "clean.npz"\ndrop_first = 6500\nweight = 0.5\n'
+        '[[run]]\nfile = "noisy.npz"\ndrop_first = 700\noffset = [0.01, "-0.5 deg"]\n',
+        encoding="utf-8",
+    )
+    return path
+
+
+@pytest.mark.parametrize("options", [(), ("--rows", "momentum", "--overlap", "0.5", "--estimator", "wls")])
+def test_a_diagnosis_reads_runs_as_the_fit_did(capsys, folder, runs, tmp_path, options):
+    found, page = tmp_path / "estimate.json", tmp_path / "page.html"
+    freedom = ("--set", "processing.noise_freedom=one")
+    code, _ = call_json(
+        capsys, "identify", folder / "arm.toml", runs, *options, *freedom, "--drop-first", 50, "-o", found
+    )
+    assert code == 0
+    call = ("report", found, "--robot", folder / "arm.toml", "--diagnose", "-o", page)
+    code, answer = call_json(capsys, *call)
+    assert code == 0
+    assert answer["result"]["diagnosis"]["refit"]["largest_difference_stds"] <= 1e-12
+    assert not {"diagnosis.other-values", "diagnosis.changed-log"} & set(find_codes(answer))
+    # Settings for a held-out log do not touch the logs of the fit.
+    held = ("--validation", folder / "noisy.npz", "--set", "processing.filter_cutoff=20", "--force")
+    code, answer = call_json(capsys, *call, *held)
+    assert answer["result"]["diagnosis"]["refit"]["largest_difference_stds"] <= 1e-12
+    (used,) = answer["result"]["processing"]
+    assert (used["filter_cutoff"], used["origin"]["filter_cutoff"]) == (20.0, "stated")
+    assert used["origin"]["decimation.factor"] == "fit"
+    assert run([*map(str, call), *map(str, held), "-q"]) == 0
+    assert "noisy.npz: positions pass a low-pass at 20 Hz (as stated)" in capsys.readouterr().out
+    data = json.loads(found.read_text())
+    for entry in data["settings"]["runs"]:
+        entry["offset"] = [0.0]
+    found.write_text(json.dumps(data))
+    code, answer = call_json(capsys, *call, "--force")
+    assert code == 0
+    assert "diagnosis.other-values" in find_codes(answer)
+    del data["settings"]["runs"][0]
+    found.write_text(json.dumps(data))
+    code, answer = call_json(capsys, *call, "--force")
+    assert (code, answer["errors"][0]["code"]) == (3, "runs.settings")
+
+
+def test_a_log_that_has_changed_is_named(capsys, folder, tmp_path):
+    log, found = tmp_path / "log.npz", tmp_path / "estimate.json"
+    columns = dict(np.load(folder / "clean.npz"))
+    np.savez(log, **columns)
+    assert run(["identify", str(folder / "arm.toml"), str(log), "-o", str(found), "-q"]) == 0
+    capsys.readouterr()
+    for key in [key for key in columns if key.startswith("tau")]:
+        columns[key] = 1.01 * columns[key]
+    np.savez(log, **columns)
+    call = ("report", found, "--robot", folder / "arm.toml", "--diagnose", "-o", tmp_path / "page.html")
+    code, answer = call_json(capsys, *call)
+    assert code == 0
+    assert {"diagnosis.changed-log", "diagnosis.other-values"} <= set(find_codes(answer))
+    assert answer["result"]["diagnosis"]["refit"]["largest_difference_stds"] > 0.1
+    assert run([*map(str, call), "--force", "-q"]) == 0
+    assert "fitted again, the logs give the estimate to" in capsys.readouterr().out
+
+
+def test_settings_without_a_log_to_try_are_refused(capsys, estimate, tmp_path):
+    call = (
+        "report",
+        estimate,
+        "--diagnose",
+        "--set",
+        "processing.filter_cutoff=9",
+        "-o",
+        tmp_path / "x.html",
+    )
+    code, answer = call_json(capsys, *call)
+    assert (code, answer["errors"][0]["code"]) == (2, "usage.no-validation")
+
+
+def test_one_log_is_tried_at_a_time(capsys, folder, estimate, runs):
+    code, answer = call_json(capsys, "validate", folder / "arm.toml", estimate, runs)
+    assert (code, answer["errors"][0]["code"]) == (2, "usage.one-log")
+    assert "lists 3 runs" in answer["errors"][0]["text"]

@@ -1,0 +1,511 @@
+"""`symid new --log`: which column is what, what was taken for granted, and what is refused."""
+
+import json
+
+import numpy as np
+import pytest
+
+from symid.cli.main import run
+from symid.data.headings import read_headings
+from symid.data.readers import read_recording
+from symid.data.table import RawLog
+from symid.formats.toml import read_robot
+from symid.robot.description import Drive, FrictionKind
+
+TABLE = "joint,alpha,a,d,theta\nshoulder,0,0,0,q\nelbow_joint,0,0.5,0,q\nslide,0,0.3,q,0\n"
+SOURCE = ("--from-dh", "rows.csv", "--convention", "modified", "--gravity", "0,0,-9.81")
+PLAIN = "time [s],shoulder pos [deg],elbow pos [deg],slide pos [mm],tau0 [N m],tau1 [N m],tau2 [N]"
+TWICE = ("--columns", "velocity=tau0,tau1,tau2", "--units")
+SI = np.array([np.pi / 180, np.pi / 180, 1e-3])
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "rows.csv").write_text(TABLE)
+    return tmp_path
+
+
+def write_log(folder, heading, name="log.csv", separator=","):
+    time = np.arange(400) * 0.01
+    moves = [np.sin((0.3 + 0.1 * number) * 6.0 * time) * 10.0 for number in range(heading.count(separator))]
+    lines = [separator.join(f"{value:.6f}" for value in row) for row in zip(time, *moves, strict=True)]
+    (folder / name).write_text("\n".join((heading, *lines)) + "\n")
+    return np.array(moves).T
+
+
+def find_slow(position):
+    """Return a hundredth of the smallest top speed, over tenths of a second, to one digit."""
+    top = np.abs(position[10:] - position[:-10]).max(axis=0) / 0.1
+    return float(f"{0.01 * top.min():.0e}")
+
+
+def call_new(capsys, *arguments, source=SOURCE, log="log.csv"):
+    code = run(["new", "arm.toml", *source, "--log", log, *arguments, "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def list_codes(answer, key="warnings"):
+    return [entry["code"] for entry in answer[key]]
+
+
+def find_only(answer):
+    (error,) = answer["errors"]
+    return error
+
+
+def test_columns_are_known_by_names_of_joints_and_by_numbers(capsys, folder):
+    values = write_log(folder, PLAIN)
+    code, answer = call_new(capsys, "--friction", "viscous_coulomb")
+    assert code == 0
+    assert answer["result"]["log"] == {
+        "file": "log.csv",
+        "preset": None,
+        "columns": {
+            "time": ["time"],
+            "position": ["shoulder pos", "elbow pos", "slide pos"],
+            "torque": ["tau0", "tau1", "tau2"],
+        },
+        "units": {"time": "s", "position": "deg, deg, mm", "torque": "N m, N m, N"},
+        "unused": [],
+        "standstill": find_slow(values[:, :3] * SI),
+        "dropped": 10,
+    }
+    assert list_codes(answer) == ["new.assumed-order", "new.ends", "new.standstill"]
+    order = answer["warnings"][0]
+    assert order["text"].endswith("of the robot file: 0 is 'shoulder', 1 is 'elbow_joint', 2 is 'slide'")
+    assert (order["file"], order["line"]) == ("log.csv", 1)
+    recording = read_recording(folder / "log.csv", read_robot(folder / "arm.toml"))
+    np.testing.assert_allclose(recording.position, values[:, :3] * SI, atol=1e-6)
+    np.testing.assert_allclose(recording.torque, values[:, 3:], atol=1e-5)
+
+
+def test_what_was_assumed_stands_in_the_file(capsys, folder):
+    write_log(folder, PLAIN)
+    assert call_new(capsys, "--friction", "viscous_coulomb", "--gear", "50,-30,200", "--rotors")[0] == 0
+    text = " ".join((folder / "arm.toml").read_text().partition("name =")[0].replace("#", "").split())
+    assert "numbers in the names of columns count the joints" in text
+    assert "positions and torques are taken as those of the joints" in text
+    assert "processing.drop_first and drop_last are set to 10 samples" in text
+    assert "processing.standstill is set to" in text
+    robot = read_robot(folder / "arm.toml")
+    assert [joint.drive for joint in robot.joints] == [
+        Drive(gear=gear, has_rotor=True) for gear in (50.0, -30.0, 200.0)
+    ]
+    assert {joint.friction.kind for joint in robot.joints} == {FrictionKind.VISCOUS_COULOMB}
+    assert robot.processing.automatic
+    assert robot.processing.drop_first == robot.processing.drop_last == 10
+    assert robot.processing.standstill > 0.0
+    assert "one number serves what turns and what slides" in text
+
+
+def test_what_real_robots_have_is_asked_for(capsys, folder):
+    write_log(folder, PLAIN)
+    code, answer = call_new(capsys, "--gear", "50")
+    assert code == 0
+    assert list_codes(answer) == [
+        "new.assumed-order",
+        "new.assumed-side",
+        "new.ends",
+        "new.no-friction",
+        "new.no-rotor",
+    ]
+    assert read_robot(folder / "arm.toml").processing.standstill == 0.0
+
+
+def test_the_text_shows_the_columns_and_what_to_do_next(capsys, folder):
+    write_log(folder, PLAIN)
+    assert run(["new", "arm.toml", *SOURCE, "--log", "log.csv", "-q"]) == 0
+    text = capsys.readouterr().out
+    assert "position  shoulder pos, elbow pos, slide pos  deg, deg, mm" in text
+    assert text.endswith("next: symid check arm.toml log.csv\n")
+
+
+def test_what_to_do_next_can_be_typed(capsys, folder):
+    write_log(folder, PLAIN, "my log.csv")
+    assert run(["new", "arm.toml", *SOURCE, "--log", "my log.csv", "-q"]) == 0
+    assert capsys.readouterr().out.endswith("next: symid check arm.toml 'my log.csv'\n")
+
+
+def test_currents_need_torque_constants(capsys, folder):
+    heading = "t [s],q1 [rad],q2 [rad],q3 [mm],motor current 1 [mA],motor current 2 [mA],motor current 3 [mA]"
+    values = write_log(folder, heading)
+    code, answer = call_new(capsys)
+    assert code == 3
+    assert find_only(answer)["code"] == "new.torque-constant"
+    assert "give --torque-constant K1,K2,K3" in find_only(answer)["text"]
+    assert not (folder / "arm.toml").exists()
+    code, answer = call_new(capsys, "--torque-constant", "0.1,0.2,0.05", "--gear", "1,1,400")
+    assert code == 0
+    (gear,) = [entry["text"] for entry in answer["warnings"] if entry["code"] == "new.assumed-gear"]
+    assert "no gear is known of 'shoulder', 'elbow_joint', and 1 is taken" in gear
+    assert "factor" not in (folder / "arm.toml").read_text().partition("torque = {")[2]
+    recording = read_recording(folder / "log.csv", read_robot(folder / "arm.toml"))
+    np.testing.assert_allclose(recording.torque, values[:, 3:] * 1e-3 * [0.1, 0.2, 20.0], atol=1e-6)
+
+
+def test_options_name_columns_and_units(capsys, folder):
+    write_log(folder, "stamp [s],a,b,c,d [N m],e [N m],f [N],cmd position [deg]")
+    options = ("--columns", "position=a,b,c", "--columns", "torque=d,e,f", "--units", "position=SI")
+    code, answer = call_new(capsys, *options)
+    assert code == 0
+    assert answer["result"]["log"]["columns"]["position"] == ["a", "b", "c"]
+    assert answer["result"]["log"]["unused"] == ["cmd position"]
+    assert "new.unused-columns" in list_codes(answer)
+
+
+def test_units_are_given_for_each_column(capsys, folder):
+    values = write_log(folder, "time [s],q1,q2 [rad],q3,tau0 [N m],tau1 [N m],tau2 [N]")
+    code, answer = call_new(capsys, "--units", "position=deg,deg,mm")
+    assert code == 0
+    assert answer["result"]["log"]["units"]["position"] == "deg, deg, mm"
+    recording = read_recording(folder / "log.csv", read_robot(folder / "arm.toml"))
+    np.testing.assert_allclose(recording.position, values[:, :3] * SI, atol=1e-6)
+
+
+def test_a_column_without_a_name_is_told_as_one(capsys, folder):
+    write_log(folder, f"{PLAIN},")
+    code, answer = call_new(capsys)
+    assert (code, answer["result"]["log"]["unused"]) == (0, [""])
+    (unused,) = [entry["text"] for entry in answer["warnings"] if entry["code"] == "new.unused-columns"]
+    assert "not used: ''; --columns" in unused
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        (
+            "t [s],q1 [rad],q2 [rad],tau1 [N m],tau2 [N m],tau3 [N]",
+            "new.unknown-column",
+            "of joint 'shoulder'",
+        ),
+        (f"{PLAIN},shoulder angle [deg]", "new.ambiguous-column", "'shoulder pos' or 'shoulder angle'"),
+        (PLAIN.replace("time", "x"), "new.unknown-column", "recognised as time"),
+        (
+            PLAIN.replace("time [s]", "x"),
+            "new.unknown-column",
+            "recognised as time: give --columns time=NAME",
+        ),
+        (f"{PLAIN},stamp [s]", "new.ambiguous-column", "time could be 'time' or 'stamp'"),
+        (PLAIN.replace(" [deg]", ""), "new.no-unit", "for 'shoulder pos', 'elbow pos', and none is guessed"),
+        (PLAIN.replace("time [s]", "time"), "new.no-unit", "as in time [s], or give --units time=s"),
+        (PLAIN.replace("deg", "degrees"), "new.wrong-unit", "no unit"),
+        (PLAIN.replace("deg", "N m"), "new.wrong-unit", "a unit of torque; expected one of rad"),
+        (PLAIN.replace("[mm]", "[deg]"), "new.wrong-unit", "a unit of angle; expected one of m, cm"),
+        (PLAIN.replace("tau0 [N m]", "tau0 [%]"), "new.wrong-unit", "torque: 'tau0': of what they are parts"),
+        (PLAIN.replace("tau0 [N m]", "tau0 [A]"), "new.torque-constant", "no torque constant"),
+        (PLAIN.replace("tau2", "tau5"), "new.unknown-column", "torque of joint 'shoulder' or torque of"),
+        (PLAIN.replace("slide", "wrist"), "new.unknown-column", "position of joint 'slide': give --columns"),
+        (PLAIN.replace("slide", "wrist"), "new.unknown-column", "leaves out are cut by --tip LINK"),
+        (PLAIN.replace("shoulder pos", "target shoulder pos"), "new.unknown-column", "of joint 'shoulder'"),
+    ],
+)
+def test_what_is_not_certain_is_refused(capsys, folder, case):
+    heading, code, words = case
+    write_log(folder, heading)
+    exit_code, answer = call_new(capsys)
+    assert exit_code == 3
+    texts = {entry["text"] for entry in answer["errors"] if entry["code"] == code}
+    assert any(words in text for text in texts), answer["errors"]
+    assert {(entry["file"], entry["line"]) for entry in answer["errors"]} == {("log.csv", 1)}
+    assert not (folder / "arm.toml").exists()
+
+
+def test_all_that_is_wrong_is_said_at_once(capsys, folder):
+    write_log(folder, "x,q1,q2,q3,tau1 [N m],tau1b [N m],tau3 [N]")
+    code, answer = call_new(capsys)
+    assert code == 3
+    assert list_codes(answer, "errors") == ["new.unknown-column", "new.no-unit", "new.unknown-column"]
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        (("--columns", "position=a,b"), 3, "new.column-count", "2 columns; give one for each of 'shoulder'"),
+        (("--columns", "time=time,time"), 3, "new.column-count", "2 columns; give one"),
+        (("--columns", "time=tim"), 3, "new.no-column", "did you mean 'time'?"),
+        ((*TWICE, "velocity=SI"), 3, "new.column-twice", "would be torque and velocity"),
+        (("--columns", "position=tau0,tau1,tau2"), 3, "new.wrong-unit", "a unit of torque"),
+        (("--units", "position=dgr"), 3, "new.wrong-unit", "did you mean deg"),
+        (("--units", "position=deg,mm"), 3, "new.unit-count", "2 units for 'shoulder pos', 'elbow pos'"),
+        (("--units", "position=deg,mm,mm"), 3, "new.wrong-unit", "'elbow pos' is in 'mm', a unit of length"),
+        (
+            ("--units", "velocity=deg/s"),
+            3,
+            "new.unit-of-nothing",
+            "no column of the log is known as velocity",
+        ),
+        (("--torque-constant", "nan"), 2, "usage.numbers", "such as --torque-constant 0.12,0.12,0.05"),
+        (("--columns", "posision=a"), 2, "usage.quantity", "did you mean position"),
+        (("--columns", "position"), 2, "usage.quantity", "such as --columns position=NAME,NAME"),
+        (("--units", "time=s", "--units", "time=ms"), 2, "usage.quantity", "given twice"),
+        (("--gear", "100,x,3"), 2, "usage.numbers", "--gear 100,x,3: expected numbers other than 0"),
+        (("--gear", "0"), 2, "usage.numbers", "other than 0"),
+        (("--gear", "1,2"), 2, "usage.completion", "2 numbers for 3 joints (shoulder, elbow_joint, slide)"),
+        (("--torque-constant", "1,2"), 2, "usage.completion", "--torque-constant: 2 numbers"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(capsys, folder, case):
+    options, exit_code, code, words = case
+    write_log(folder, PLAIN)
+    found, answer = call_new(capsys, *options)
+    assert found == exit_code
+    assert code in list_codes(answer, "errors")
+    assert any(words in entry["text"] for entry in answer["errors"]), answer["errors"]
+    assert not (folder / "arm.toml").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--columns", "time=t"), "--columns belongs to --log LOG"),
+        (("--units", "time=s"), "--units belongs to --log LOG"),
+    ],
+)
+def test_options_of_a_log_want_one(capsys, folder, options, words):
+    assert run(["new", str(folder / "arm.toml"), *SOURCE, *options, "--json"]) == 2
+    assert find_only(json.loads(capsys.readouterr().out))["text"] == words
+
+
+def test_a_robot_file_is_copied_as_it_is(capsys, folder):
+    write_log(folder, PLAIN)
+    code, answer = call_new(capsys, "--rotors", source=("--from", "scara"))
+    assert code == 2
+    assert find_only(answer)["code"] == "usage.copied"
+    assert find_only(answer)["text"].startswith("--log, --rotors: a robot file is copied")
+    assert not (folder / "arm.toml").exists()
+
+
+def test_what_the_source_states_is_not_changed(capsys, folder, project):
+    source = ("--from-urdf", str(project / "docs" / "own_robot" / "arm.urdf"))
+    log = str(project / "docs" / "own_robot" / "training.csv")
+    code, answer = call_new(capsys, "--gear", "100", source=source, log=log)
+    assert code == 2
+    assert find_only(answer)["code"] == "usage.completion"
+    assert "joint 'elbow' has the gear 80 in its source, not 100" in find_only(answer)["text"]
+
+
+def test_a_rotor_of_the_source_wants_its_own_gear(capsys, folder):
+    text = """<robot name="arm"><link name="base"/><link name="upper"/>
+    <joint name="turn" type="continuous"><parent link="base"/><child link="upper"/><axis xyz="0 0 1"/></joint>
+    <transmission name="drive"><joint name="turn"/><actuator name="motor">
+    <motorInertia>0.001</motorInertia></actuator></transmission></robot>"""
+    (folder / "arm.urdf").write_text(text)
+    assert run(["new", "arm.toml", "--from-urdf", "arm.urdf", "--gear", "50", "--json"]) == 2
+    assert "has a rotor inertia in its source, but no gear" in capsys.readouterr().out
+
+
+def test_the_log_is_an_input(capsys, folder):
+    (folder / "log.toml").write_text("")
+    code = run(["new", "log.toml", *SOURCE, "--log", "log.toml", "--force", "--json"])
+    assert (code, find_only(json.loads(capsys.readouterr().out))["code"]) == (3, "output.is-input")
+
+
+PRESETS = {
+    "ur-rtde": [
+        "timestamp",
+        *(f"actual_q_{k}" for k in range(3)),
+        *(f"actual_current_{k}" for k in range(3)),
+    ],
+    "franka": ["time", *(f"q[{k}]" for k in range(3)), *(f"tau_J[{k}]" for k in range(3))],
+    "ros": ["%time", *(f"field.position{k}" for k in range(3)), *(f"field.effort{k}" for k in range(3))],
+    "symid": ["t [s]", "q1 [rad]", "q2 [rad]", "q3 [m]", "tau1 [N m]", "tau2 [N m]", "tau3 [N]"],
+}
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_logs_of_known_programs_are_known(capsys, folder, preset):
+    heading = ",".join(PRESETS[preset])
+    write_log(folder, heading)
+    text = (folder / "log.csv").read_text().splitlines()
+    if preset in {"ros", "franka"}:  # nanoseconds, milliseconds
+        scale = 1e9 if preset == "ros" else 1e3
+        rows = [line.split(",") for line in text[1:]]
+        text[1:] = [",".join((f"{float(row[0]) * scale:.0f}", *row[1:])) for row in rows]
+        (folder / "log.csv").write_text("\n".join(text) + "\n")
+    constants = ("--torque-constant", "0.1,0.1,0.1") if preset == "ur-rtde" else ()
+    code, answer = call_new(capsys, *constants)
+    assert code == 0, answer
+    assert answer["result"]["log"]["preset"] == preset
+    robot = read_robot(folder / "arm.toml")
+    assert (robot.log.preset, robot.log.position) == (preset, None)
+    assert read_recording(folder / "log.csv", robot).period == pytest.approx(0.01)
+    assert ("new.preset" in list_codes(answer)) == (preset != "symid")
+
+
+@pytest.mark.parametrize(
+    ("unit", "codes"),
+    [("foo", ["new.wrong-unit"] * 2), ("A", ["new.mixed-units", "new.torque-constant"])],
+)
+def test_names_of_symid_with_other_units_are_read_as_any_others(capsys, folder, unit, codes):
+    write_log(folder, ",".join(PRESETS["symid"]).replace("N m", unit))
+    code, answer = call_new(capsys)
+    assert (code, list_codes(answer, "errors")) == (3, codes)
+
+
+def test_currents_of_a_known_program_need_torque_constants(capsys, folder):
+    write_log(folder, ",".join(PRESETS["ur-rtde"]))
+    code, answer = call_new(capsys)
+    assert (code, list_codes(answer, "errors")) == (3, ["new.torque-constant"])
+
+
+def test_a_known_name_with_a_unit_of_its_own_is_read_as_it_says(capsys, folder):
+    heading = ",".join(name.replace("time", "time [s]").replace("2]", "2] [m]") for name in PRESETS["franka"])
+    write_log(folder, heading)
+    code, answer = call_new(capsys)
+    assert code == 3
+    assert "new.no-unit" in list_codes(answer, "errors")
+    assert "for 'q[0]', 'q[1]', and none" in answer["errors"][0]["text"]
+
+
+@pytest.mark.parametrize(
+    "heading",
+    [
+        "waist angle [deg]",
+        "waist_pos_deg",
+        "WaistPosition (deg)",
+        "actual waist position (deg)",
+        "q1 [deg]",
+        "joint1 [deg]",
+        "q_1 [deg]",
+        "Joint_01_Position [deg]",
+    ],
+)
+def test_headings_are_read_as_words(heading, robots_folder):
+    (joint, *_) = read_robot(robots_folder / "two_link.toml").joints
+    from symid.data.table import split_heading
+
+    name, unit = split_heading(heading)
+    raw = RawLog(columns={name: np.zeros(3)}, units={} if unit is None else {name: unit})
+    (found,) = read_headings(raw, (joint,))
+    assert (found.quantity, found.unit, found.wanted) == ("position", "deg", False)
+    assert found.words in {("waist",), ("1",)}
+    assert found.number == (1 if found.words == ("1",) else None)
+
+
+@pytest.mark.parametrize(
+    "heading",
+    [
+        "motor position 1 [deg]",
+        "q1 tau1 [deg]",
+        "temperature 1",
+        "voltage1 [V]",
+        "acc1_rad/s\u00b2",
+        "q\u00b2 [rad]",
+    ],
+)
+def test_what_is_not_a_quantity_of_a_joint_is_none(heading, robots_folder):
+    (joint, *_) = read_robot(robots_folder / "two_link.toml").joints
+    from symid.data.table import split_heading
+
+    name, unit = split_heading(heading)
+    raw = RawLog(columns={name: np.zeros(3)}, units={} if unit is None else {name: unit})
+    (found,) = read_headings(raw, (joint,))
+    assert not found.quantity or found.number is None
+
+
+def test_arrays_and_single_joints_need_no_numbers(capsys, folder):
+    write_log(folder, PLAIN)
+    time = np.arange(400) * 0.01
+    moves = np.sin(time[:, None] * [1.0, 2.0, 3.0])
+    units = np.array(["time [s]", "position [SI]", "effort [SI]"])
+    np.savez(folder / "log.npz", time=time, position=moves, effort=moves, units=units)
+    code, answer = call_new(capsys, log="log.npz")
+    assert (code, answer["result"]["log"]["columns"]["torque"]) == (0, ["effort"])
+    (folder / "rows.csv").write_text("\n".join(TABLE.splitlines()[:2]) + "\n")
+    write_log(folder, "time [s],angle [deg],torque [N m]")
+    (folder / "arm.toml").unlink()
+    code, answer = call_new(capsys)
+    assert (code, answer["result"]["log"]["columns"]["position"]) == (0, ["angle"])
+
+
+def test_a_wrong_unit_is_seen_at_once(capsys, folder, project):
+    pages = project / "docs" / "own_robot"
+    options = ("--units", "position=rad", "--torque-constant", "0.1")
+    code, answer = call_new(
+        capsys, *options, source=("--from-urdf", str(pages / "arm.urdf")), log=str(pages / "training.csv")
+    )
+    assert code == 0
+    texts = [entry["text"] for entry in answer["warnings"] if "beyond its limits" in entry["text"]]
+    assert len(texts) == 3
+    assert "beyond its limits" not in (folder / "arm.toml").read_text()
+
+
+@pytest.mark.parametrize("rows", [0, 1])
+def test_a_log_without_enough_rows_is_refused(capsys, folder, rows):
+    write_log(folder, PLAIN)
+    lines = (folder / "log.csv").read_text().splitlines()
+    (folder / "log.csv").write_text("\n".join(lines[: rows + 1]) + "\n")
+    code, answer = call_new(capsys)
+    assert (code, list_codes(answer, "errors")) == (3, ["log.time-order"])
+    assert not (folder / "arm.toml").exists()
+
+
+def test_columns_apart_by_spaces_are_refused(capsys, folder):
+    (folder / "log.csv").write_text("time [s] q1 [rad]\n0 1.5 2\n1 2.5 3\n")
+    code, answer = call_new(capsys)
+    assert (code, list_codes(answer, "errors")) == (3, ["log.separator"])
+    assert answer["errors"][0]["line"] == 1
+
+
+def test_an_order_is_told_once(capsys, folder):
+    heading = "t [s],q1 [rad],q2 [rad],q3 [m],dq1 [rad/s],dq2 [rad/s],dq3 [m/s],i1 [A],i2 [A],i3 [A]"
+    write_log(folder, heading)
+    code, answer = call_new(capsys, "--torque-constant", "0.1")
+    assert (code, list_codes(answer).count("new.assumed-order")) == (0, 1)
+    assert list(answer["result"]["log"]["columns"]) == ["time", "position", "torque", "velocity"]
+
+
+@pytest.mark.parametrize("time", ["t [s]", "clock [s]"])
+def test_numbers_in_names_of_joints_that_are_out_of_order_are_refused(capsys, folder, time):
+    rows = ["joint,alpha,a,d,theta", "axis_2,0,0,0,q", "axis_1,0,0.5,0,q", "axis_3,0,0.3,0,q"]
+    (folder / "rows.csv").write_text("\n".join(rows) + "\n")
+    write_log(folder, f"{time},q1 [rad],q2 [rad],q3 [rad],tau1 [Nm],tau2 [Nm],tau3 [Nm]")
+    code, answer = call_new(capsys)
+    assert (code, list_codes(answer, "errors")) == (3, ["new.ambiguous-column"] * 2)
+    assert "position of joint 'axis_2' could be 'q2' or 'q1'" in answer["errors"][0]["text"]
+
+
+@pytest.mark.parametrize("time", ["t [s]", "stamp [s]"])
+def test_numbers_at_the_end_of_longer_names_count_too(capsys, folder, time):
+    """Of joints wrist_j2 and wrist_j1, in this order, nobody can tell whose column q1 is."""
+    rows = ["joint,alpha,a,d,theta", "wrist_j2,0,0,0,q", "wrist_j1,0,0.5,0,q"]
+    (folder / "rows.csv").write_text("\n".join(rows) + "\n")
+    write_log(folder, f"{time},q1 [rad],q2 [rad],tau1 [Nm],tau2 [Nm]")
+    code, answer = call_new(capsys)
+    assert (code, list_codes(answer, "errors")) == (3, ["new.ambiguous-column"] * 2)
+    assert "position of joint 'wrist_j2' could be 'q2' or 'q1'" in answer["errors"][0]["text"]
+
+
+def test_the_name_of_a_joint_is_no_unit(capsys, folder):
+    """Torques of the joint A, in N m or whatever, were taken for its current in ampere."""
+    (folder / "rows.csv").write_text("joint,alpha,a,d,theta\nA,0,0,0,q\n")
+    write_log(folder, "stamp [s],pos_A [rad],tau_A")
+    code, answer = call_new(capsys, "--torque-constant", "0.1")
+    assert (code, list_codes(answer, "errors")) == (3, ["new.no-unit"])
+    code, answer = call_new(capsys, "--units", "torque=Nm")
+    assert (code, answer["result"]["log"]["units"]["torque"]) == (0, "Nm")
+
+
+def test_numbers_of_columns_count_from_0_whatever_the_joints_are_called(capsys, folder):
+    rows = ["joint,alpha,a,d,theta", "arm_j1,0,0,0,q", "arm_j2,0,0.5,0,q"]
+    (folder / "rows.csv").write_text("\n".join(rows) + "\n")
+    write_log(folder, "stamp [s],q0 [rad],q1 [rad],tau0 [Nm],tau1 [Nm]")
+    code, answer = call_new(capsys)
+    assert (code, answer["result"]["log"]["columns"]["position"]) == (0, ["q0", "q1"])
+    assert answer["warnings"][0]["text"].endswith("0 is 'arm_j1', 1 is 'arm_j2'")
+
+
+def test_numbers_in_names_of_joints_are_those_of_columns(capsys, folder):
+    rows = ["joint,alpha,a,d,theta", "axis_2,0,0,0,q", "axis_3,0,0.5,0,q", "axis_4,0,0.3,0,q"]
+    (folder / "rows.csv").write_text("\n".join(rows) + "\n")
+    write_log(folder, "t [s],q4 [rad],q2 [rad],q3 [rad],tau2 [Nm],tau3 [Nm],tau4 [Nm]")
+    code, answer = call_new(capsys)
+    assert (code, answer["result"]["log"]["columns"]["position"]) == (0, ["q2", "q3", "q4"])
+    assert "new.assumed-order" not in list_codes(answer)
+
+
+def test_mixed_currents_are_refused(capsys, folder):
+    write_log(folder, PLAIN.replace("tau0 [N m]", "tau0 [A]").replace("tau1 [N m]", "tau1 [mA]"))
+    code, answer = call_new(capsys, "--torque-constant", "0.1")
+    assert (code, list_codes(answer, "errors")) == (3, ["new.mixed-units"])

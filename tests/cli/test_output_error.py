@@ -1,0 +1,205 @@
+"""Output error on the command line: from a simulated log to an estimate that goes on, and what is refused."""
+
+import json
+
+import numpy as np
+import pytest
+
+from symid.cli.main import run
+
+CONTROLLER = """
+[controller]
+stiffness = [{stiffness}, 60]      # N m/rad
+damping = [25, 3]                  # N m s/rad
+velocity_filter = 150              # Hz
+torque = "average"
+"""
+
+
+def call(capsys, *arguments):
+    capsys.readouterr()
+    code = run([*map(str, arguments), "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def find_codes(answer):
+    return {entry["code"] for entry in (*answer.get("errors", ()), *answer.get("warnings", ()))}
+
+
+def find_texts(answer):
+    return " ".join(entry["text"] for entry in (*answer.get("errors", ()), *answer.get("warnings", ())))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, robots_folder):
+    """Return a folder with robot files that have a controller, the right one and a soft one, and logs."""
+    path = tmp_path_factory.mktemp("output-error")
+    text = (robots_folder / "two_link.toml").read_text()
+    (path / "arm.toml").write_text(text + CONTROLLER.format(stiffness=400))
+    (path / "soft.toml").write_text(text + CONTROLLER.format(stiffness=280))
+    for seed in (1, 2):
+        order = ["simulate", path / "arm.toml", "--seed", seed, "-o", path / f"log{seed}.npz", "-q"]
+        assert run(list(map(str, order))) == 0
+    return path
+
+
+@pytest.fixture(scope="module")
+def estimate(folder):
+    order = ["identify", folder / "arm.toml", folder / "log1.npz", "--estimator", "output-error"]
+    assert run([*map(str, order), "-o", str(folder / "estimate.json"), "-q"]) == 0
+    return folder / "estimate.json"
+
+
+def test_a_simulated_log_holds_the_reference(capsys, folder):
+    with np.load(folder / "log1.npz") as log:
+        assert {"q_ref", "dq_ref"} <= set(log)
+        assert log["q_ref"].shape == log["q"].shape
+    out = folder / "again.npz"
+    _, answer = call(capsys, "simulate", folder / "arm.toml", "--seed", "1", "-o", out, "--force")
+    assert answer["result"]["controller"]["stiffness"] == [400.0, 60.0]
+    assert answer["result"]["controller"]["torque"] == "average"
+
+
+def test_simulate_and_identify_give_the_truth_back(capsys, folder):
+    logs = (folder / "log1.npz", folder / "log2.npz")
+    code, answer = call(capsys, "identify", folder / "arm.toml", *logs, "--estimator", "output-error")
+    assert code == 0
+    result = answer["result"]
+    assert result["estimator"] == "output-error"
+    assert not find_codes(answer) & {"identify.tracking"}
+    for entry in result["parameters"]:
+        bound = 0.03 if entry["name"][0] == "F" or entry["name"].startswith("offset") else 0.01
+        assert abs(entry["value"] - entry["truth"]) < bound * max(abs(entry["truth"]), 0.05)
+        assert entry["std"] > 0.0
+    told = result["settings"]["fit"]
+    assert told["start"] == "torque rows by wls"
+    assert told["iterations"] == len(told["changes"]) <= 6
+    assert told["changes"][-1] < 0.05
+    assert told["controller"]["stiffness"] == [400.0, 60.0]
+    assert told["controller"]["reference_velocity"] == "logged"
+    assert told["controller"]["offset_from"] == "log"
+    assert [entry["joint"] for entry in told["tracking"]] == [entry["joint"] for entry in result["residual"]]
+    assert all(
+        entry["simulated_from_measured"] < 0.01 * entry["reference_from_measured"]
+        for entry in told["tracking"]
+    )
+    assert max(told["controller_residual_percent"]) < 2.0
+
+
+def test_the_estimate_goes_on_to_validation_report_and_export(capsys, folder, estimate):
+    arm, unseen = folder / "arm.toml", folder / "log2.npz"
+    code, answer = call(capsys, "validate", arm, estimate, unseen)
+    assert code == 0
+    assert answer["result"]["mean_relative_percent"] < 5.0
+    order = ("report", estimate, "--robot", arm, "--validation", unseen, "--diagnose")
+    code, _ = call(capsys, *order, "-o", folder / "report.html")
+    assert code == 0
+    assert "output-error" in (folder / "report.html").read_text()
+    code, _ = call(capsys, "export", arm, estimate, "-o", folder / "found.urdf", "--force")
+    assert code == 0
+    assert "<robot" in (folder / "found.urdf").read_text()
+
+
+def test_an_estimate_is_a_start(capsys, folder, estimate):
+    arm, log = folder / "arm.toml", folder / "log1.npz"
+    order = ("identify", arm, log, "--estimator", "output-error", "--start", estimate)
+    code, answer = call(capsys, *order)
+    assert code == 0
+    assert answer["result"]["settings"]["fit"]["start"].endswith("estimate.json")
+    assert answer["result"]["settings"]["fit"]["iterations"] <= 2
+    capsys.readouterr()
+    assert run(list(map(str, order))) == 0
+    out = capsys.readouterr().out
+    assert "begun with" in out
+    assert "(rms) from the measured ones" in out
+
+
+def test_gains_from_the_command_line_are_those_of_the_file(capsys, folder, estimate):
+    order = ["identify", "two_link", folder / "log1.npz", "--estimator", "output-error"]
+    keys = {"stiffness": "[400, 60]", "damping": "[25, 3]", "velocity_filter": "150", "torque": "average"}
+    order += [part for key, value in keys.items() for part in ("--set", f"controller.{key}={value}")]
+    code, answer = call(capsys, *order)
+    assert code == 0
+    stored = {entry["name"]: entry["value"] for entry in json.loads(estimate.read_text())["parameters"]}
+    assert {entry["name"]: entry["value"] for entry in answer["result"]["parameters"]} == stored
+
+
+def test_wrong_gains_are_noticed(capsys, folder):
+    order = ("identify", folder / "soft.toml", folder / "log1.npz", "--estimator", "output-error")
+    code, answer = call(capsys, *order)
+    assert code == 0
+    assert "identify.tracking" in find_codes(answer)
+    assert "check its gains" in find_texts(answer)
+
+
+def test_what_is_missing_is_told_at_once(capsys, folder, tmp_path):
+    with np.load(folder / "log1.npz") as log:
+        np.savez(tmp_path / "bare.npz", t=log["t"], q=log["q"], tau=log["tau"])
+    code, answer = call(capsys, "identify", "two_link", tmp_path / "bare.npz", "--estimator", "output-error")
+    assert code == 2
+    assert find_codes(answer) == {"usage.controlled-robot"}
+    assert "no reference position" in find_texts(answer)
+    assert "[controller]" in find_texts(answer)
+
+
+def test_a_robot_with_springs_is_refused(capsys, tmp_path):
+    log = tmp_path / "log.npz"
+    assert run(["simulate", "two_link_elastic", "--duration", "2", "-o", str(log), "-q"]) == 0
+    with np.load(log) as made:
+        np.savez(tmp_path / "one.npz", t=made["t"], q=made["theta"], tau=made["tau"], q_ref=made["theta"])
+    gains = ("--set", "controller.stiffness=[400, 60]", "--set", "controller.damping=[25, 3]")
+    order = ("identify", "two_link_elastic", tmp_path / "one.npz", "--estimator", "output-error", *gains)
+    code, answer = call(capsys, *order)
+    assert code == 2
+    assert "rigid robots" in find_texts(answer)
+
+
+def test_an_unstable_loop_is_told_in_words(capsys, folder):
+    gains = ("--set", "controller.stiffness=[4e7, 6e6]")
+    order = ("identify", folder / "arm.toml", folder / "log1.npz", "--estimator", "output-error", *gains)
+    code, answer = call(capsys, *order)
+    assert code not in (0, 1)
+    assert find_codes(answer) & {"solver.controlled-robot", "simulate.chatter"}
+
+
+def test_friction_that_no_plant_holds_is_refused(capsys, folder, tmp_path):
+    coupled = """
+[[coupling]]
+name = "m2"
+terms = { shoulder = 1, elbow = 1 }
+[coupling.friction]
+model = "viscous_coulomb"
+Fv = 0.2
+Fc = 0.3
+"""
+    text = (folder / "arm.toml").read_text()
+    names = [line.split('"')[1] for line in text.splitlines() if line.startswith("name = ")][1:]
+    coupled = coupled.replace("shoulder", names[0]).replace("elbow", names[1])
+    (tmp_path / "coupled.toml").write_text(text.replace("\n[controller]", coupled + "\n[controller]"))
+    order = ("identify", tmp_path / "coupled.toml", folder / "log1.npz", "--estimator", "output-error")
+    code, answer = call(capsys, *order)
+    assert code == 2
+    assert find_codes(answer) == {"usage.shared-friction"}
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--estimator", "wls", "--start", "x.json"),
+        ("--estimator", "output-error", "--rows", "momentum"),
+        ("--estimator", "output-error", "--prior", "robot"),
+    ],
+)
+def test_options_of_others_are_refused(capsys, folder, options):
+    code, answer = call(capsys, "identify", folder / "arm.toml", folder / "log1.npz", *options)
+    assert code == 2
+    assert find_codes(answer) == {"usage.mixed-options"}
+
+
+def test_a_slip_in_the_name_is_met_with_the_name(capsys, folder):
+    code, answer = call(
+        capsys, "identify", folder / "arm.toml", folder / "log1.npz", "--estimator", "output_error"
+    )
+    assert code == 2
+    assert find_codes(answer) == {"usage.unknown-estimator"}
+    assert "sequential, output-error" in find_texts(answer)

@@ -1,0 +1,213 @@
+"""The page for newcomers: its commands run, print what it says, and find the robot behind its logs."""
+
+import json
+import re
+import shutil
+
+import numpy as np
+import pytest
+from scipy.signal import cheby1, sosfiltfilt
+
+from symid.data.headings import read_headings
+from symid.data.table import RawLog
+from symid.formats.toml import parse_robot
+from symid.parameters.base import find_base_parameters
+from symid.parameters.values import find_parameter_values
+from tests.transcripts import compare, list_steps, run_step
+
+TRUTH = """
+name = "arm"
+convention = "origin"
+gravity = [0, 0, -9.81]
+
+[[joint]]
+name = "waist"
+kind = "revolute"
+origin = { xyz = [0, 0, 0.32] }
+frame = { xyz = [0, 0, -0.18] }
+[joint.link]
+mass = 6.1
+com = [0.004, 0.014, 0.1]
+inertia = { xx = 0.034, yy = 0.031, yz = -0.0026, zz = 0.0228 }
+[joint.drive]
+gear = 100
+rotor_inertia = 2.4e-5
+rotor_inertia_side = "motor"
+[joint.friction]
+model = "viscous_coulomb_offset"
+Fv = 4.2
+Fc = 3.1
+offset = 0.15
+[joint.limits]
+position = [-2.9671, 2.9671]
+velocity = 2.618
+torque = 110
+
+[[joint]]
+name = "shoulder"
+kind = "revolute"
+origin = { xyz = [0, 0, 0.18], rpy = ["-pi/2", 0, 0] }
+[joint.link]
+mass = 4.9
+com = [0.171, 0.006, 0.026]
+inertia = { xx = 0.012, xz = -0.0023, yy = 0.067, zz = 0.0641 }
+[joint.drive]
+gear = 100
+rotor_inertia = 2.4e-5
+rotor_inertia_side = "motor"
+[joint.friction]
+model = "viscous_coulomb_offset"
+Fv = 5.1
+Fc = 3.8
+offset = -0.4
+[joint.limits]
+position = [-2.0944, 2.0944]
+velocity = 2.618
+torque = 110
+
+[[joint]]
+name = "elbow"
+kind = "revolute"
+origin = { xyz = [0.35, 0, 0] }
+[joint.link]
+mass = 2.65
+com = [0.135, 0.009, 0.004]
+inertia = { xx = 0.0041, xy = 0.0007, yy = 0.0271, zz = 0.0278 }
+[joint.drive]
+gear = 80
+rotor_inertia = 9e-6
+rotor_inertia_side = "motor"
+[joint.friction]
+model = "viscous_coulomb_offset"
+Fv = 1.6
+Fc = 1.9
+offset = 0.1
+[joint.limits]
+position = [-2.618, 2.618]
+velocity = 3.1416
+torque = 48
+"""
+"""The robot that the logs of the page were simulated with."""
+
+FILES = ("arm.urdf", "training.csv", "validation.csv")
+JOINTS = ("waist", "shoulder", "elbow")
+TORQUE_PER_AMPERE = np.array([0.11 * 100, 0.11 * 100, 0.062 * 80])
+KEPT = 40.0
+"""Hz: what the decimation that the page tells of lets pass."""
+
+
+@pytest.fixture(scope="module")
+def page(project):
+    return (project / "docs" / "own_robot.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def walk(page, project, tmp_path_factory, c_compiler):
+    """Return a folder in which all commands of the page ran, and what each printed."""
+    assert c_compiler
+    folder = tmp_path_factory.mktemp("own-robot")
+    for name in FILES:
+        shutil.copy(project / "docs" / "own_robot" / name, folder / name)
+    cache = tmp_path_factory.mktemp("cache")
+    return folder, [(answer, *run_step(command, folder, cache)) for command, answer in list_steps(page)]
+
+
+def test_five_commands_are_enough(page, walk):
+    assert len(list_steps(page)) == page.count("```sh") == 5
+    _, steps = walk
+    assert [code for _, code, _ in steps] == [0] * 5
+
+
+def test_the_page_shows_what_is_printed(walk):
+    _, steps = walk
+    for said, _, found in steps:
+        assert not compare(said, found), found
+
+
+def test_the_table_of_words_is_that_of_the_reader(page):
+    quantities = {
+        "the time": "time",
+        "a position": "position",
+        "a velocity": "velocity",
+        "a torque": "torque",
+    }
+    for words, meaning in re.findall(r"^\| (`[a-z].*?`) \| (.*?) \|$", page, re.MULTILINE):
+        for word in re.findall(r"`(\w+)`", words):
+            name = f"{word} 1" if meaning != "the time" else word
+            raw = RawLog(columns={name: np.zeros(2)}, units={name: "rad"} if meaning.startswith("no") else {})
+            (found,) = read_headings(raw, ())
+            assert found.wanted == meaning.startswith("not measured"), word
+            if meaning.startswith("no"):
+                assert (found.quantity, found.words) == ("position", ("1",)), word
+            else:
+                assert found.quantity == quantities[meaning.partition(",")[0]], word
+
+
+def test_files_are_small_and_all_there(project):
+    files = list((project / "docs" / "own_robot").iterdir())
+    assert sorted(path.name for path in files) == sorted(FILES)
+    assert sum(path.stat().st_size for path in files) < 400_000
+
+
+def find_truth():
+    robot = parse_robot(TRUTH)
+    return find_parameter_values(robot, find_base_parameters(robot))
+
+
+def test_the_truth_is_found(walk):
+    folder, _ = walk
+    estimate = json.loads((folder / "estimate.json").read_text(encoding="utf-8"))
+    truth = find_truth()
+    assert {entry["name"] for entry in estimate["parameters"]} == set(truth)
+    scores = [(entry["value"] - truth[entry["name"]]) / entry["std"] for entry in estimate["parameters"]]
+    assert max(map(abs, scores)) < 4.0
+    # Deviations that are far too large would pass the line above.
+    assert 0.5 < np.sqrt(np.mean(np.square(scores))) < 1.5
+
+
+def read_states(path):
+    """Return time, and positions, velocities, accelerations and torques in SI units, low-passed alike."""
+    table = np.loadtxt(path, delimiter=",", skiprows=1)
+    step = table[1, 0] - table[0, 0]
+    position, torque = np.radians(table[:, 1:4]), table[:, 4:7] * TORQUE_PER_AMPERE
+    sections = cheby1(8, 0.05, KEPT, fs=1.0 / step, output="sos")
+    velocity = np.gradient(position, step, axis=0)
+    acceleration = np.gradient(velocity, step, axis=0)
+    return position, velocity, acceleration, torque, lambda values: sosfiltfilt(sections, values, axis=0)
+
+
+def read_comments(folder):
+    """Return from the comments of the URDF what it has no words for: offsets and rotors, joint by joint."""
+    text = (folder / "arm_identified.urdf").read_text(encoding="utf-8")
+    found = []
+    for joint in JOINTS:
+        (values,) = re.findall(
+            rf"joint {joint}: friction model viscous_coulomb_offset, values (.*?) \(", text
+        )
+        (rotor,) = re.findall(rf"joint {joint}: rotor inertia (\S+) on the joint's side", text)
+        found.append((*map(float, values.split()), float(rotor)))
+    return np.array(found).T
+
+
+def test_pinocchio_foretells_the_other_motion_as_validate_says(walk):
+    pin = pytest.importorskip("pinocchio")
+    folder, steps = walk
+    model = pin.buildModelFromUrdf(str(folder / "arm_identified.urdf"))
+    data = model.createData()
+    viscous, dry, offset, rotor = read_comments(folder)
+    np.testing.assert_allclose(model.damping, viscous, rtol=1e-9)
+    position, velocity, acceleration, torque, smooth = read_states(folder / "validation.csv")
+    rigid = np.array(
+        [pin.rnea(model, data, *state) for state in zip(position, velocity, acceleration, strict=True)]
+    )
+    braked = viscous * velocity + dry * np.sign(velocity) + offset
+    slow = np.abs(smooth(velocity)) < 0.02
+    inside = slice(50, -50)
+    for number, joint in enumerate(JOINTS):
+        foretold = smooth((rigid + rotor * acceleration + braked)[:, number])
+        kept = ~slow[inside, number]
+        measured = smooth(torque[:, number])[inside][kept]
+        relative = 100.0 * np.linalg.norm(measured - foretold[inside][kept]) / np.linalg.norm(measured)
+        (said,) = re.findall(rf"^{joint} +\S+ +(\S+) ", steps[3][2], re.MULTILINE)
+        # All rows, where symid takes one in five.
+        assert relative == pytest.approx(float(said), rel=0.05)

@@ -1,0 +1,99 @@
+"""Logs that are far too poor: refused with every reason, by `identify` and by `check`, with exit code 4."""
+
+import json
+
+import numpy as np
+import pytest
+
+from symid.cli.main import run
+from symid.codegen.cache import prepare_library
+from symid.excitation.trajectories import FourierOptions, build_random_fourier
+from symid.formats.overrides import override_robot
+from symid.formats.toml import read_robot
+
+FRICTION = "viscous_coulomb_offset"
+
+
+@pytest.fixture(scope="module")
+def robot(robots_folder):
+    return override_robot(read_robot(robots_folder / "panda.toml"), (), FRICTION)
+
+
+@pytest.fixture(scope="module")
+def log(robot, tmp_path_factory):
+    """Return a writer of ten seconds in which the joints named by number stand still."""
+    library = prepare_library(robot)
+    folder = tmp_path_factory.mktemp("poor")
+
+    def write(*still):
+        rng = np.random.default_rng(4)
+        time = 0.005 * np.arange(2001)
+        options = FourierOptions(duration=10.0, base_frequency=0.1, ramp=0.0)
+        q, dq, ddq = map(np.array, build_random_fourier(robot, rng, options).evaluate(time))
+        q[:, still] = q[:1, still]
+        dq[:, still] = ddq[:, still] = 0.0
+        beta, friction = (rng.normal(size=len(cards)) for cards in (library.card.beta, library.card.friction))
+        (rigid,) = library.evaluate("torque_regressor", q, dq, ddq)
+        (rubbing,) = library.evaluate("friction_regressor", dq)
+        tau = rigid @ beta + rubbing @ friction + 0.01 * rng.normal(size=q.shape)
+        path = folder / f"still{''.join(map(str, still))}.npz"
+        np.savez(path, t=time, q=q, tau=tau)
+        return path
+
+    return write
+
+
+def call(capsys, verb, *arguments):
+    code = run([verb, "panda", "--friction", FRICTION, "--json", "-q", *map(str, arguments)])
+    return code, json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.parametrize("still", [(0, 1), (0, 2), (1, 4), (5, 6)])
+def test_two_joints_still(capsys, log, still):
+    path = log(*still)
+    code, answer = call(capsys, "identify", path)
+    assert (code, answer["ok"]) == (4, False)
+    texts = [entry["text"] for entry in answer["errors"]]
+    assert [entry["code"] for entry in answer["errors"][:3]] == [
+        "identify.joint-at-rest",
+        "identify.joint-at-rest",
+        "identify.poor-log",
+    ]
+    for joint, text in zip(still, texts, strict=False):
+        assert f"'joint{joint + 1}' does not move" in text
+    counts = texts[2].split(" parameters")[0].removeprefix("these logs tell only ")
+    told, whole = map(int, counts.split(" of "))
+    assert whole == 43 + 21
+    named = [name for text in texts[3:] for name in text.removeprefix("not told: ").split(":")[0].split(", ")]
+    assert len(named) == len(set(named)) == whole - told
+    assert {f"{what}{joint + 1}" for joint in still for what in ("Fv", "Fc", "offset")} <= set(named)
+
+
+def test_what_can_be_told_is_fitted_where_that_is_asked_for(capsys, log):
+    code, answer = call(capsys, "identify", log(1, 4), "--partial")
+    assert (code, answer["ok"]) == (0, True)
+    told = [entry["name"] for entry in answer["result"]["parameters"]]
+    assert "Fv1" in told
+    assert "Fv2" not in told
+
+
+def test_a_static_log(capsys, log):
+    code, answer = call(capsys, "identify", log(*range(7)))
+    assert code == 4
+    assert [entry["code"] for entry in answer["errors"]] == ["identify.standstill"]
+
+
+def test_check_says_it_before(capsys, log):
+    code, answer = call(capsys, "check", log(1, 4))
+    assert code == 4
+    assert [entry["code"] for entry in answer["errors"]] == ["check.poor"]
+    assert "at rest: joint2, joint5" in next(
+        entry["text"] for entry in answer["warnings"] if entry["code"] == "log.not-excited"
+    )
+    assert call(capsys, "check", log())[0] == 0
+
+
+def test_a_log_that_moves_what_another_does_not(capsys, log):
+    code, answer = call(capsys, "identify", log(1, 4), log(6))
+    assert (code, answer["ok"]) == (0, True)
+    assert [entry for entry in answer["warnings"] if entry["code"] == "identify.refused"] == []

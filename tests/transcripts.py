@@ -1,0 +1,96 @@
+"""Pages whose commands and answers are a transcript: run again, compared, and written anew.
+
+A block ```sh holds one command, the block ```text right behind it all that the command prints. Run as a
+script with the page and the folder of its files, it writes the answers of this machine into the page:
+
+    PYTHONPATH=. python tests/transcripts.py docs/own_robot.md docs/own_robot
+"""
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+STEP = re.compile(
+    r"^```sh\n(?P<command>[^\n]*)\n```\n\n```text\n(?P<answer>.*?)^```$", re.DOTALL | re.MULTILINE
+)
+NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w.]*\w)")
+LONGEST = 300
+
+
+def list_steps(page: str) -> list[tuple[str, str]]:
+    """Return commands and their answers."""
+    return [(step["command"], step["answer"]) for step in STEP.finditer(page)]
+
+
+def run_step(command: str, folder: Path, cache: Path) -> tuple[int, str]:
+    """Return the exit code of a command, and all that it prints, in the order of a terminal."""
+    first, *arguments = shlex.split(command)
+    assert first == "symid"
+    program = "from symid.cli.main import main; main()"
+    environment = {**os.environ, "XDG_CACHE_HOME": str(cache), "PYTHONUNBUFFERED": "1", "NO_COLOR": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", program, *arguments],
+        cwd=folder,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=False,
+        timeout=LONGEST,
+    )
+    return done.returncode, done.stdout
+
+
+def compare(said: str, found: str) -> list[str]:
+    """Return what differs: words at all, numbers by more than one in the last digit that the page prints."""
+    differences = []
+    lines, others = _list_lines(said), _list_lines(found)
+    if len(lines) != len(others):
+        differences.append(f"{len(lines)} lines in the page, {len(others)} printed")
+    for line, other in zip(lines, others, strict=False):
+        if NUMBER.sub("0", line) != NUMBER.sub("0", other) or not _agree(line, other):
+            differences.append(f"- {line}\n+ {other}")
+    return differences
+
+
+def _list_lines(text: str) -> list[str]:
+    """Return lines without what depends on the machine: the compiler's path, the widths of columns."""
+    lines = (re.sub(r"^compiling with .*", "compiling", line) for line in text.strip().splitlines())
+    return [re.sub(r"-{2,}", "--", re.sub(r" +", " ", line)).strip() for line in lines]
+
+
+def _agree(line: str, other: str) -> bool:
+    pairs = zip(NUMBER.findall(line), NUMBER.findall(other), strict=True)
+    return all(abs(float(said) - float(found)) <= _find_step(said) for said, found in pairs)
+
+
+def _find_step(number: str) -> float:
+    """Return one in the last digit of a number; of more than eight digits the eighth counts."""
+    mantissa, _, exponent = number.partition("e")
+    places = len(mantissa.partition(".")[2])
+    return 1.0001 * max(10.0 ** (int(exponent or 0) - places), 1e-8 * abs(float(number)))
+
+
+def write_page(path: Path, files: Path) -> None:
+    """Write what the commands of a page print now into the page."""
+    page = path.read_text(encoding="utf-8")
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch) / "work"
+        shutil.copytree(files, folder)
+
+        def answer(step: re.Match[str]) -> str:
+            _, found = run_step(step["command"], folder, Path(scratch) / "cache")
+            text = re.sub(r"^compiling with .*", "compiling with /usr/bin/cc", found, flags=re.MULTILINE)
+            return f"```sh\n{step['command']}\n```\n\n```text\n{text}```"
+
+        page = STEP.sub(answer, page)
+    path.write_text(page, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    write_page(Path(sys.argv[1]), Path(sys.argv[2]))

@@ -1,0 +1,63 @@
+"""The study of elastic robots: times only where asked for, all else the same for any number of processes."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from symid.cli.study import _write_dataset
+from symid.study import elastic_study
+from symid.study.elastic_runs import DATASETS, Condition
+from symid.study.elastic_study import DatasetStudy, study_elastic
+from symid.study.elastic_task import MethodRun
+
+RUN = MethodRun(
+    method="weighted",
+    parameter_error=1.5,
+    hysteresis_error=2.0,
+    excited_error=2.5,
+    outcome="solved",
+    iterations=7,
+    seconds=0.5,
+)
+
+
+def summarise(*, timed):
+    runs = [(RUN,), (replace(RUN, seconds=0.7, iterations=9),), (replace(RUN, seconds=0.6),)]
+    return elastic_study._summarise(runs, timed=timed)
+
+
+def write(cells):
+    nan = math.nan
+    study = DatasetStudy(
+        dataset="TA", condition=Condition.CLEAN, seeds=3, bound=nan, spring_bound=nan, cells=cells
+    )
+    _, heading, _, row = _write_dataset(study).splitlines()
+    return heading.split(), row.split()
+
+
+def test_times_stand_in_the_table_where_they_are_asked_for():
+    (cell,) = summarise(timed=True)
+    assert (cell.seconds, cell.iterations) == (0.6, 9)
+    heading, row = write((cell,))
+    assert heading[-2:] == ["s", "outcome"]
+    assert row[-2:] == ["0.60", "solved"]
+
+
+def test_without_them_nothing_differs_from_run_to_run():
+    (cell,) = summarise(timed=False)
+    assert math.isnan(cell.seconds)
+    heading, row = write((cell,))
+    assert heading[-2:] == ["range", "outcome"]
+    assert row[-2:] == ["2.5", "solved"]
+
+
+@pytest.mark.slow
+def test_the_number_of_processes_changes_nothing(robots_folder):
+    path = robots_folder / "two_link_elastic.toml"
+    one, two = (
+        study_elastic(path, [0], datasets=DATASETS[2:3], methods=("linear-spring",), jobs=jobs)
+        for jobs in (1, 2)
+    )
+    # Numbers that are not there are nan, which is not itself; their text is.
+    assert repr(one) == repr(two)
