@@ -1,12 +1,16 @@
 """The cost of `consistent`: value, gradient and Hessian in log-Cholesky coordinates.
 
-Input: a triangle of weighted rows, the bodies expected. Output: `ConsistentCost`, and a start for its search.
+Input: a triangle of weighted rows, the bodies expected. Output: `ConsistentCost`.
 
 Unknowns: of each link the ten entries of C, row by row, the logarithm of those on the diagonal; log u of the
 rotors; friction that is not negative, and what may have either sign, over its standard deviation. With
 f = |F [x; -1]|^2 / 2 and S = sum over k of (F' F [x; -1])_k X_k, dx_k = tr(X_k dQ),
 
     dQ = dC C' + C dC',  df = 2 tr(S C dC'),  d2f = |F (dx)|^2 + 2 tr(S dC dC')
+
+Q and u are one at the bodies expected, or, after `recentre`, at any others: the distance reads tr B Q - log
+det Q with B one at first. About the optimum as centre the Hessian of the entries of C is J' J + 2 g, on their
+diagonal J' J + 4 g, of the rotors J' J + g, J the slopes of the errors: it never is nearly singular.
 
 Supported: what `Bodies` holds.
 """
@@ -18,13 +22,15 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.identification.bodies import Bodies
 
-__all__ = ["ConsistentCost", "build_cost"]
+__all__ = ["LOOSE", "ConsistentCost", "build_cost"]
 
 _LOWER = np.tril_indices(4)
 _DIAGONAL = np.flatnonzero(_LOWER[0] == _LOWER[1])
 _SMALL = 1e-8
-_LOOSE = 1e-9
-"""Weight of numbers of either sign in the convex method, which wants one: none, as far as it matters."""
+_RANK = 1e-13
+LOOSE = 1e-9
+"""Weight of half the square of what friction and offsets are off the fit without bounds, in their deviations:
+nothing, as far as it matters, where the rows see them, and an answer where they do not."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -33,10 +39,13 @@ class ConsistentCost:
 
     Args:
         triangle: F (k, p + 1).
-        forms: (p, n, 4, 4) X of the links, scaled by the bodies expected; roots: (n, 4, 4) theirs, L.
-        positive: (p, a) effect of one unit of u; others: (p, b) of one unit of friction and the rest.
+        forms: (p, n, 4, 4) X of the links, scaled by the bodies at the centre; roots: (n, 4, 4) theirs, L.
+        positive: (p, a) effect of one unit of u; others: (p, b + c) of one unit of the friction and
+            the rest that the rows see.
+        pulls: (n, 4, 4) B; rotor_pulls: (a,) the same of u; constant: what is left of the distance.
+        middle: (b + c,) friction and the rest of the fit without bounds; bounded: b, the number of the
+        former.
         weight: g.
-        lower: (u,) bounds of the unknowns; start: (u,) the bodies expected.
     """
 
     triangle: FloatArray
@@ -44,12 +53,41 @@ class ConsistentCost:
     roots: FloatArray
     positive: FloatArray
     others: FloatArray
+    pulls: FloatArray
+    rotor_pulls: FloatArray
+    constant: float
+    middle: FloatArray
+    bounded: int
     weight: float
-    lower: FloatArray
-    start: FloatArray
 
-    def _split(self, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return C (n, 4, 4), u (a,), the others (b,)."""
+    @property
+    def lower(self) -> FloatArray:
+        """(u,) bounds of the unknowns."""
+        lower = np.full(10 * len(self.roots) + len(self.rotor_pulls) + len(self.middle), -np.inf)
+        lower[len(lower) - len(self.middle) :][: self.bounded] = 0.0
+        return lower
+
+    @property
+    def centre(self) -> FloatArray:
+        """(u,) unknowns of the bodies at the centre, friction and the rest of the fit without bounds."""
+        return np.append(np.zeros(10 * len(self.roots) + len(self.rotor_pulls)), self.middle)
+
+    def recentre(self, factors: FloatArray, rotors: FloatArray) -> "ConsistentCost":
+        """Return the same cost about other bodies: lower triangular C (n, 4, 4), u (a,)."""
+        across = factors.transpose(0, 2, 1)
+        logs = 2.0 * np.log(np.diagonal(factors, axis1=1, axis2=2)).sum() + np.log(rotors).sum()
+        return replace(
+            self,
+            forms=across @ self.forms @ factors,
+            roots=self.roots @ factors,
+            positive=self.positive * rotors,
+            pulls=across @ self.pulls @ factors,
+            rotor_pulls=self.rotor_pulls * rotors,
+            constant=self.constant - float(logs),
+        )
+
+    def split(self, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return C (n, 4, 4), u (a,), the others (b + c,)."""
         links, rotors = self.forms.shape[1], self.positive.shape[1]
         entries = z[: 10 * links].reshape(links, 10).copy()
         # Far steps of a line search overflow to infinity, which the solver takes back.
@@ -60,9 +98,15 @@ class ConsistentCost:
         lower[:, _LOWER[0], _LOWER[1]] = entries
         return lower, rotor, z[10 * links + rotors :]
 
+    def join(self, lower: FloatArray, rotor: FloatArray, rest: FloatArray) -> FloatArray:
+        """Return the unknowns (u,) of C (n, 4, 4), u (a,), the others (b + c,); see `split`."""
+        entries = lower[:, _LOWER[0], _LOWER[1]]
+        entries[:, _DIAGONAL] = np.log(entries[:, _DIAGONAL])
+        return np.concatenate([entries.ravel(), np.log(rotor), rest])
+
     def find_bodies(self, z: FloatArray) -> FloatArray:
         """Return the pseudo-inertias (n, 4, 4)."""
-        lower = self.roots @ self._split(z)[0]
+        lower = self.roots @ self.split(z)[0]
         bodies: FloatArray = lower @ lower.transpose(0, 2, 1)
         return bodies
 
@@ -74,24 +118,24 @@ class ConsistentCost:
 
     def find_values(self, z: FloatArray) -> FloatArray:
         """Return the base parameters x (p,)."""
-        lower, rotor, rest = self._split(z)
+        lower, rotor, rest = self.split(z)
         bodies = lower @ lower.transpose(0, 2, 1)
         values: FloatArray = np.einsum("pnab,nab->p", self.forms, bodies)
         return values + self.positive @ rotor + self.others @ rest
 
     def find_value(self, z: FloatArray) -> float:
         """Return the cost."""
-        lower, rotor, _ = self._split(z)
-        links, rotors = self.forms.shape[1], self.positive.shape[1]
+        lower, rotor, rest = self.split(z)
+        links, rotors = len(self.roots), len(rotor)
         logs = z[: 10 * links].reshape(links, 10)[:, _DIAGONAL]
-        distance = float(np.sum(lower**2) - 2.0 * logs.sum() - 4 * links)
-        distance += float(np.sum(rotor - z[10 * links : 10 * links + rotors] - 1.0))
-        errors = self.triangle @ np.append(self.find_values(z), -1.0)
-        return 0.5 * float(errors @ errors) + self.weight * distance
+        distance = float(np.sum(lower * (self.pulls @ lower)) - 2.0 * logs.sum()) + self.constant
+        distance += float(self.rotor_pulls @ rotor - z[10 * links : 10 * links + rotors].sum())
+        errors, off = self.triangle @ np.append(self.find_values(z), -1.0), rest - self.middle
+        return 0.5 * float(errors @ errors) + self.weight * distance + 0.5 * LOOSE * float(off @ off)
 
     def _find_slopes(self, z: FloatArray) -> FloatArray:
         """Return dx / dz (p, u)."""
-        lower, rotor, _ = self._split(z)
+        lower, rotor, _ = self.split(z)
         # tr(X (dC C' + C dC')) = 2 tr(C' X dC) for symmetric X.
         steps = 2.0 * (self.forms @ lower)[:, :, _LOWER[0], _LOWER[1]]
         steps[:, :, _DIAGONAL] *= lower[:, range(4), range(4)]
@@ -104,30 +148,32 @@ class ConsistentCost:
         return slope + self._find_pull(z)
 
     def _find_pull(self, z: FloatArray) -> FloatArray:
-        lower, rotor, rest = self._split(z)
-        entries = 2.0 * lower[:, _LOWER[0], _LOWER[1]]
-        entries[:, _DIAGONAL] = 2.0 * lower[:, range(4), range(4)] ** 2 - 2.0
-        return self.weight * np.concatenate([entries.ravel(), rotor - 1.0, np.zeros(len(rest))])
+        lower, rotor, rest = self.split(z)
+        entries = 2.0 * (self.pulls @ lower)[:, _LOWER[0], _LOWER[1]]
+        entries[:, _DIAGONAL] = entries[:, _DIAGONAL] * lower[:, range(4), range(4)] - 2.0
+        distance = np.concatenate([entries.ravel(), self.rotor_pulls * rotor - 1.0])
+        return np.append(self.weight * distance, LOOSE * (rest - self.middle))
 
     def find_hessian(self, z: FloatArray) -> FloatArray:
         """Return the Hessian (u, u)."""
-        lower, rotor, _ = self._split(z)
+        lower, rotor, _ = self.split(z)
         errors = self.triangle @ np.append(self.find_values(z), -1.0)
         forces = self.triangle[:, :-1].T @ errors
         slopes = self.triangle[:, :-1] @ self._find_slopes(z)
         hessian = slopes.T @ slopes
-        pull = np.einsum("p,pnab->nab", forces, self.forms)
+        pull = np.einsum("p,pnab->nab", forces, self.forms) + self.weight * self.pulls
         for link, (force, factor) in enumerate(zip(pull, lower, strict=True)):
             place = slice(10 * link, 10 * link + 10)
             hessian[place, place] += self._find_curvature(force, factor)
         first = 10 * len(lower)
         spots = np.arange(first, first + len(rotor))
-        hessian[spots, spots] += rotor * (self.positive.T @ forces + self.weight)
+        hessian[spots, spots] += rotor * (self.positive.T @ forces + self.weight * self.rotor_pulls)
+        spots = np.arange(first + len(rotor), len(hessian))
+        hessian[spots, spots] += LOOSE
         return hessian
 
-    def _find_curvature(self, force: FloatArray, factor: FloatArray) -> FloatArray:
-        """Return 2 tr((S + g) dC dC') (10, 10), and what the exponential on the diagonal adds."""
-        whole = force + self.weight * np.eye(4)
+    def _find_curvature(self, whole: FloatArray, factor: FloatArray) -> FloatArray:
+        """Return 2 tr((S + g B) dC dC') (10, 10), and what the exponential on the diagonal adds."""
         same = _LOWER[1][:, None] == _LOWER[1][None, :]
         block: FloatArray = 2.0 * whole[_LOWER[0][:, None], _LOWER[0][None, :]] * same
         size = np.ones(10)
@@ -154,58 +200,38 @@ def build_cost(triangle: FloatArray, centre: FloatArray, bodies: Bodies, weight:
     forms = roots.transpose(0, 2, 1) @ np.einsum("pnk,kab->pnab", bodies.links, FORMS) @ roots
     matrix = triangle[:, :-1]
     # What no parameters explain is left out: the cost begins at zero, and the last digits count.
-    triangle = np.column_stack([matrix, matrix @ centre])
+    triangle = np.column_stack([matrix, matrix @ centre + _find_explained(matrix, triangle[:, -1], centre)])
     rotors = bodies.positive * _find_rotors(centre, bodies)
     loose = np.hstack([bodies.bounded, bodies.free])
     lengths = np.linalg.norm(matrix @ loose, axis=0)
-    sizes = 1.0 / np.where(lengths > 0.0, lengths, 1.0)
-    first = np.linalg.lstsq(loose, centre, rcond=None)[0] / sizes if loose.size else np.zeros(0)
-    dissipating = bodies.bounded.shape[1]
-    first[:dissipating] = np.maximum(first[:dissipating], 1.0)
-    fixed = np.zeros(10 * len(roots) + rotors.shape[1])
-    lower = np.concatenate([np.full(len(fixed), -np.inf), np.zeros(dissipating)])
-    lower = np.append(lower, np.full(bodies.free.shape[1], -np.inf))
-    cost = ConsistentCost(
+    # What the rows do not see at all stays at zero.
+    seen = lengths > 0.0
+    loose, lengths = loose[:, seen], lengths[seen]
+    middle = np.linalg.lstsq(loose, centre, rcond=None)[0] * lengths if loose.size else np.zeros(0)
+    dissipating = int(np.count_nonzero(seen[: bodies.bounded.shape[1]]))
+    middle[:dissipating] = np.maximum(middle[:dissipating], 0.0)
+    return ConsistentCost(
         triangle=triangle,
         forms=forms,
         roots=roots,
         positive=rotors,
-        others=loose * sizes,
+        others=loose / lengths,
+        pulls=np.tile(np.eye(4), (len(roots), 1, 1)),
+        rotor_pulls=np.ones(rotors.shape[1]),
+        constant=-4.0 * len(roots) - rotors.shape[1],
+        middle=middle,
+        bounded=dissipating,
         weight=weight,
-        lower=lower,
-        start=np.append(fixed, first),
     )
-    start = _find_convex_start(cost)
-    return cost if start is None else replace(cost, start=start)
 
 
-def _find_convex_start(cost: ConsistentCost) -> FloatArray | None:
-    """Return the optimum in Q where friction has no bounds, by the convex method; None where it finds none.
-
-    The cost over g is the distance plus |F dx|^2 / (2 g): equations with a slack of g.
-    """
-    from symid.parameters.consistency_problem import Problem
-    from symid.parameters.consistency_solver import find_nearest
-
-    matrix, target = cost.triangle[:, :-1], cost.triangle[:, -1]
-    links, rotors, others = cost.forms.shape[1], cost.positive.shape[1], cost.others.shape[1]
-    problem = Problem(
-        blocks=np.einsum("kp,pnab->knab", matrix, cost.forms),
-        positive=matrix @ cost.positive,
-        free=matrix @ cost.others,
-        target=target,
-        slack=np.full(len(target), cost.weight),
-        weights=np.concatenate([np.ones(links + rotors), np.full(others, _LOOSE)]),
-    )
-    with np.errstate(all="ignore"):
-        found = find_nearest(problem)
-    if found is None or np.linalg.eigvalsh(found.blocks).min() <= 0.0 or np.any(found.positive <= 0.0):
-        return None
-    entries = np.linalg.cholesky(found.blocks)[:, _LOWER[0], _LOWER[1]]
-    entries[:, _DIAGONAL] = np.log(entries[:, _DIAGONAL])
-    start = np.concatenate([entries.ravel(), np.log(found.positive), found.free])
-    bounded: FloatArray = np.maximum(start, cost.lower)
-    return bounded
+def _find_explained(matrix: FloatArray, target: FloatArray, centre: FloatArray) -> FloatArray:
+    """Return what parameters, refused ones among them, could explain of the errors (k,) at `centre`."""
+    lengths = np.linalg.norm(matrix, axis=0)
+    left, singular, _ = np.linalg.svd(matrix / np.where(lengths > 0.0, lengths, 1.0), full_matrices=False)
+    basis = left[:, singular > _RANK * singular.max(initial=0.0)]
+    explained: FloatArray = basis @ (basis.T @ (target - matrix @ centre))
+    return explained
 
 
 def _find_size(centre: FloatArray, bodies: Bodies) -> float:

@@ -36,6 +36,7 @@ from symid.identification.long_rows import RowMaker
 from symid.identification.regression import Fit
 from symid.identification.rows import ROW_KINDS, Rows, stack_rows
 from symid.identification.statistics import find_residuals
+from symid.identification.sticking import warn_of_sticking
 from symid.identification.structure import warn_of_structure
 from symid.robot.log_map import Processing
 
@@ -167,6 +168,7 @@ def _find_doubts(
         *warn_of_processing(maker.processing, recordings),
         *found.pattern,
         *structure,
+        *warn_of_sticking(found.rows, found.fit, library),
         *found.drift,
         *(() if found.seen.refused else warn_of_mass_matrix(library, values, recordings)),
     )

@@ -4,19 +4,26 @@ import dataclasses
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from symid.codegen.cache import prepare_library
+from symid.data.readers import read_recording
 from symid.errors import SolverError
 from symid.formats.toml import read_robot
-from symid.identification import consistent
+from symid.identification import consistent, consistent_newton
 from symid.identification.bodies import build_bodies
 from symid.identification.consistent import fit_consistent, solve_consistent
-from symid.identification.consistent_cost import build_cost
+from symid.identification.consistent_cost import LOOSE, build_cost
+from symid.identification.estimators import EstimatorOptions
 from symid.identification.identifiability import find_identifiability
+from symid.identification.identify import identify_parameters
 from symid.identification.regression import fit_wls
 from symid.identification.rows import Rows
 from symid.notation import INERTIAL
 from symid.parameters.consistency_prior import FORMS, build_pseudo_inertias
 from tests.chains import draw_parameters
+from tests.recovery.cone_programs import solve_closed_cone, solve_with_distance
 
 
 @pytest.fixture(scope="module")
@@ -63,6 +70,7 @@ def test_bodies_that_fit_cost_nothing(bodies):
     deviations = np.sqrt(np.diag(free.covariance))
     assert np.abs((fit.values - free.values) / deviations).max() < 0.3
     assert 0.0 <= fit.report["price_percent"] < 0.1
+    assert fit.notices == ()
     assert find_smallest(fit) == pytest.approx(fit.report["eigenvalue"], rel=1e-6)
     assert fit.report["eigenvalue"] > 0.0
 
@@ -74,12 +82,24 @@ def test_values_that_no_bodies_have_are_brought_back_at_a_price(bodies, seed):
     rows = make_rows(bodies, truth, 0.05, seed)
     seen = find_identifiability(rows)
     fit, free = fit_consistent(rows, seen, bodies=bodies), fit_wls(rows, seen)
+    dear = bool(fit.report["price_percent"] > 5.0)
+    assert [notice.code for notice in fit.notices] == ["identify.price"] * dear
     assert free.values[bodies.names.index("ZZ2")] < 0.0
     assert fit.values[bodies.names.index("ZZ2")] > 0.0
     assert find_smallest(fit) > 0.0
     assert fit.report["price_percent"] > 1.0
     price = np.linalg.norm(fit.residuals * fit.weights) / np.linalg.norm(free.residuals * free.weights)
     assert fit.report["price_percent"] == pytest.approx(100.0 * (price - 1.0), rel=1e-6)
+
+
+def test_a_log_at_odds_with_all_bodies_is_told(bodies):
+    truth = draw_truth(bodies, 1)
+    truth[bodies.names.index("ZZ2")] *= -5.0
+    rows = make_rows(bodies, truth, 0.01)
+    fit = fit_consistent(rows, find_identifiability(rows), bodies=bodies)
+    (notice,) = fit.notices
+    assert notice.code == "identify.price"
+    assert f"leave {fit.report['price_percent']:.3g} % more" in notice.text
 
 
 def test_friction_never_drives(bodies):
@@ -95,7 +115,9 @@ def test_derivatives_of_the_cost_are_those_of_differences(bodies):
     size = len(bodies.names)
     triangle = np.triu(rng.normal(size=(size, size + 1)))
     cost = build_cost(triangle, draw_truth(bodies, 3), bodies, 0.1)
-    z = cost.start + 0.3 * rng.normal(size=len(cost.start))
+    inner = np.tril(0.2 * rng.normal(size=(2, 4, 4))) + np.eye(4)
+    cost = cost.recentre(inner, np.ones(0))
+    z = cost.centre + 0.3 * rng.normal(size=len(cost.centre))
     steps = 1e-6 * np.eye(len(z))
     slope = np.array([(cost.find_value(z + h) - cost.find_value(z - h)) / 2e-6 for h in steps])
     bend = np.array([(cost.find_gradient(z + h) - cost.find_gradient(z - h)) / 2e-6 for h in steps])
@@ -115,56 +137,155 @@ def test_a_far_start_ends_at_the_same_bodies(bodies):
     np.testing.assert_allclose(far.values, near.values, atol=1e-5 * np.abs(near.values).max())
 
 
-def test_the_price_is_that_of_a_program_over_matrix_inequalities(bodies):
-    """Clarabel minimises |F [K pi; -1]|^2 over all P >= 0: no distance, closed cone, another method."""
-    clarabel = pytest.importorskip("clarabel", reason="wants clarabel: pip install clarabel")
-    from scipy import sparse
+def scale_triangle(rows, free):
+    """Return the triangle of the weighted rows over the deviation of their noise."""
+    weighted = free.residuals * free.weights
+    variance = float(weighted @ weighted) / (len(weighted) - free.spent)
+    whole = np.column_stack([rows.matrix, rows.values]) * free.weights[:, None]
+    return np.linalg.qr(whole, mode="r") / np.sqrt(variance)
 
+
+def minimise_by_cones(cost, triangle, bodies, near):
+    """Return clarabel's answer, unknowns scaled about those of `near`, and the cost there, written anew."""
+    expected = cost.roots @ cost.roots.transpose(0, 2, 1)
+    units = np.ones(cost.positive.shape[1])
+    rotors = np.array([column[column > 0.0].max() for column in cost.positive.T])
+    rotors = rotors / [column[column > 0.0].max() for column in bodies.positive.T] if len(rotors) else units
+    factors, found, _ = cost.split(near)
+    theirs = solve_with_distance(
+        triangle,
+        bodies,
+        expected,
+        cost.weight,
+        about=cost.roots @ factors,
+        units=rotors * found,
+        rotors=rotors,
+        loose=LOOSE,
+        middle=cost.middle,
+    )
+    inverse = np.linalg.inv(cost.roots)
+    scaled = inverse @ theirs.bodies @ inverse.transpose(0, 2, 1)
+    distance = np.trace(scaled, axis1=1, axis2=2) - np.linalg.slogdet(scaled)[1] - 4.0
+    ratio = theirs.positive / rotors
+    errors = cost.triangle @ np.append(theirs.values, -1.0)
+    apart = distance.sum() + (ratio - np.log(ratio) - 1.0).sum()
+    off = theirs.loose - cost.middle
+    return theirs, 0.5 * errors @ errors + cost.weight * apart + 0.5 * LOOSE * off @ off
+
+
+@pytest.fixture(scope="module")
+def contradicted(bodies):
+    """Return rows that no bodies have, their fit without bounds, and their triangle."""
     truth = draw_truth(bodies, 5)
     truth[bodies.names.index("ZZ2")] *= -0.5
     rows = make_rows(bodies, truth, 0.05)
+    free = fit_wls(rows, find_identifiability(rows))
+    return rows, free, scale_triangle(rows, free)
+
+
+@pytest.mark.parametrize("weight", [1e-3, consistent._WEIGHT])
+def test_the_optimum_is_that_of_a_cone_program_with_the_same_distance(
+    bodies, contradicted, monkeypatch, weight
+):
+    """Clarabel minimises the same cost, log det as a cone of its own: one convex problem, two methods."""
+    pytest.importorskip("clarabel", reason="wants clarabel: pip install clarabel")
+    _, free, triangle = contradicted
+    monkeypatch.setattr(consistent, "_WEIGHT", weight)
+    ours = solve_consistent(triangle, free.values, bodies)
+    cost = build_cost(triangle, free.values, bodies, ours.weight)
+    theirs, least = minimise_by_cones(cost, triangle, bodies, ours.unknowns)
+    assert cost.find_value(ours.unknowns) == pytest.approx(least, rel=1e-7)
+    deviations = np.sqrt(np.diag(free.covariance))
+    np.testing.assert_allclose(ours.values / deviations, theirs.values / deviations, atol=1e-3)
+    np.testing.assert_allclose(cost.find_values(ours.unknowns), ours.values, rtol=1e-9, atol=1e-12)
+
+
+def test_the_price_is_that_of_a_program_over_matrix_inequalities(bodies, contradicted, monkeypatch):
+    """Clarabel minimises |F [K pi; -1]|^2 over all P >= 0: no distance, closed cone, another method.
+
+    No body has what these rows ask for: a moment of inertia that vanishes, a first moment that does not. The
+    least is only approached, with a mass m that no torque shows: the inertia is at least the square of the
+    first moment over m, what it adds to the cost falls with 1/m, and the distance grows with g m. So the best
+    mass grows with 1/sqrt(g), and with sqrt(g) the fit comes down to what clarabel finds.
+    """
+    pytest.importorskip("clarabel", reason="wants clarabel: pip install clarabel")
+    rows, _, triangle = contradicted
     seen = find_identifiability(rows)
-    fit, free = fit_consistent(rows, seen, bodies=bodies), fit_wls(rows, seen)
-    design, target = rows.matrix * free.weights[:, None], rows.values * free.weights
-    links = bodies.links.shape[1]
-    # The pseudo-inertia is linear in the parameters: P = sum of pi_k E_k, by columns of its upper triangle.
-    units = build_pseudo_inertias(np.eye(len(INERTIAL)))
-    spots = [(i, j) for j in range(4) for i in range(j + 1)]
-    cone = np.array([[unit[i, j] * (1.0 if i == j else np.sqrt(2.0)) for unit in units] for i, j in spots])
-    whole = np.hstack([bodies.links.reshape(len(truth), -1), bodies.positive, bodies.bounded, bodies.free])
-    loose = bodies.positive.shape[1] + bodies.bounded.shape[1]
-    front = np.kron(np.eye(links), cone)
-    held = np.zeros((len(front) + loose, whole.shape[1]))
-    held[: len(front), : 10 * links] = front
-    held[len(front) :, 10 * links : 10 * links + loose] = np.eye(loose)
-    matrix = design @ whole
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    cones = [clarabel.PSDTriangleConeT(4)] * links + [clarabel.NonnegativeConeT(loose)]
-    solver = clarabel.DefaultSolver(
-        sparse.csc_matrix(np.triu(matrix.T @ matrix)),
-        -matrix.T @ target,
-        sparse.csc_matrix(-held),
-        np.zeros(len(held)),
-        cones,
-        settings,
-    )
-    found = np.array(solver.solve().x)
-    best = np.linalg.norm(matrix @ found - target)
-    ours = np.linalg.norm(design @ fit.values - target)
-    # The distance keeps ours away from the edge, where the optimum of the closed cone is.
-    assert best * (1.0 - 1e-7) < ours < best * (1.0 + 5e-4)
+
+    def find_residual(values):
+        return np.linalg.norm(triangle @ np.append(values, -1.0))
+
+    best = find_residual(solve_closed_cone(triangle, bodies).values)
+    found, masses = [], []
+    for weight in (1e-4, 1e-5, 1e-6):
+        monkeypatch.setattr(consistent, "_WEIGHT", weight)
+        fit = fit_consistent(rows, seen, bodies=bodies)
+        found.append(find_residual(fit.values))
+        masses.append(fit.report["standard_parameters"][0][INERTIAL.index("M")])
+    root = np.sqrt(10.0)
+    first, second = -np.diff(found)
+    assert first / second == pytest.approx(root, rel=0.02)
+    np.testing.assert_allclose(np.array(masses[1:]) / masses[:-1], root, rtol=0.02)
+    # Without any weight, and with the default one.
+    assert found[-1] - second / (root - 1.0) == pytest.approx(best, rel=3e-6)
+    assert best < found[-1] < best * (1.0 + 2e-5)
+    assert found[0] < best * (1.0 + 2e-4)
+    monkeypatch.undo()
+    assert best < find_residual(fit_consistent(rows, seen, bodies=bodies).values) < best * 1.02
     assert np.allclose(np.einsum("kab,nab->nk", FORMS, build_pseudo_inertias(np.eye(10))), np.eye(10))
+
+
+def make_driven_rows(bodies):
+    """Return rows that want a dry friction that drives: it ends on its bound."""
+    truth = draw_truth(bodies, 4)
+    truth[bodies.names.index("Fc1")] = -0.3
+    return make_rows(bodies, truth, 0.05)
 
 
 def test_an_optimum_that_is_not_reached_is_an_error(bodies, monkeypatch):
     monkeypatch.setattr(consistent, "_LIMIT", 0)
-    truth = draw_truth(bodies, 4)
-    truth[bodies.names.index("Fc1")] = -0.3
-    rows = make_rows(bodies, truth, 0.05)
+    monkeypatch.setattr(consistent_newton, "_LIMIT", 5)
+    rows = make_driven_rows(bodies)
     with pytest.raises(SolverError) as caught:
         fit_consistent(rows, find_identifiability(rows), bodies=bodies)
     assert caught.value.notices[0].code == "solver.consistent"
+
+
+def test_bodies_that_ipopt_does_not_confirm_are_vouched_for(bodies, monkeypatch):
+    """Ipopt stopped at its start: the bodies stand by Newton's decrement, and the result says so."""
+    rows = make_driven_rows(bodies)
+    seen = find_identifiability(rows)
+    whole = fit_consistent(rows, seen, bodies=bodies)
+    monkeypatch.setattr(consistent, "_LIMIT", 0)
+    alone = fit_consistent(rows, seen, bodies=bodies)
+    assert "Maximum_Iterations_Exceeded" in alone.report["ending"]
+    assert "Newton's decrement" in alone.report["ending"]
+    assert "Solve_Succeeded" in whole.report["ending"]
+    assert alone.report["gap"] < 1e-8
+    assert max(alone.report["gradient"], whole.report["gradient"]) < 1e-6
+    deviations = np.sqrt(np.diag(whole.covariance))
+    np.testing.assert_allclose(alone.values / deviations, whole.values / deviations, atol=1e-5)
+
+
+def test_about_its_optimum_the_cost_bends_by_its_weight_at_least(robots_folder):
+    """At the optimum S + g B is g: beyond J' J only 2 g dC dC' and the exponential's 2 g are left."""
+    bodies = build_bodies(read_robot(robots_folder / "tx40.toml"))
+    truth = np.einsum("pnk,nk->p", bodies.links, bodies.stated) + bodies.positive @ np.full(7, -0.2)
+    triangle = np.column_stack([np.eye(len(truth)), truth])
+    cost = build_cost(triangle, truth, bodies, 0.3)
+    found = consistent_newton.find_bodies(cost, cost.centre)
+    near = cost.recentre(found.factors, found.rotors)
+    z = np.append(np.zeros(67), found.others)
+    start = cost.join(found.factors, found.rotors, found.others)
+    assert near.find_value(z) == pytest.approx(cost.find_value(start), rel=1e-10)
+    np.testing.assert_allclose(near.find_values(z), cost.find_values(start), rtol=1e-9, atol=1e-12)
+    steps = 1e-5 * np.eye(len(z))
+    slopes = np.array([(near.find_values(z + h) - near.find_values(z - h)) / 2e-5 for h in steps])
+    left = near.find_hessian(z) - slopes @ slopes.T
+    diagonal = [i for i in range(60) if i % 10 in (0, 2, 5, 9)]
+    expected = np.full(len(z), 0.0)
+    expected[:60], expected[diagonal], expected[60:67] = 0.6, 1.2, 0.3
+    np.testing.assert_allclose(left, np.diag(expected), atol=1e-7)
 
 
 def test_rotors_stay_positive(robots_folder):
@@ -176,3 +297,71 @@ def test_rotors_stay_positive(robots_folder):
     fit = fit_consistent(rows, find_identifiability(rows), bodies=bodies)
     assert fit.report["eigenvalue"] > 0.0
     assert fit.report["price_percent"] > 0.0
+
+
+@pytest.mark.parametrize(
+    ("name", "logs", "price"),
+    [("kr300", "a", 2.0), ("kr300", "ab", 0.5), ("kr300", "abc", 0.5), ("tx40", "", 0.5)],
+)
+def test_real_recordings_have_bodies(shared_data, robots_folder, name, logs, price):
+    """Short logs that tell little, with a counterbalance outside the model: masses that an arm may have."""
+    robot = read_robot(robots_folder / f"{name}.toml")
+    files = [f"run_{run}.npz" for run in logs] or [f"{name}.npz"]
+    recordings = [read_recording(shared_data / name / file, robot) for file in files]
+    options = EstimatorOptions(bodies=build_bodies(robot))
+    estimate = identify_parameters(
+        prepare_library(robot),
+        recordings,
+        robot.processing,
+        estimator="consistent",
+        options=options,
+    )
+    found = estimate.settings["fit"]
+    assert "Solve_Succeeded" in found["ending"]
+    assert max(found["gradient"], found["gap"]) < 1e-6
+    assert found["steps"] < 200
+    assert 0.0 < found["price_percent"] < price
+    pi = np.array(found["standard_parameters"])
+    assert np.linalg.eigvalsh(build_pseudo_inertias(pi)).min() == pytest.approx(found["eigenvalue"], rel=1e-6)
+    assert found["eigenvalue"] > 0.0
+    # The larger one weighs about a ton, which nothing told the fit.
+    assert pi[:, INERTIAL.index("M")].sum() < 2000.0
+
+
+_ROBOTS = ("two_link", "puma560", "ur5", "tx40")
+
+
+@st.composite
+def contradictions(draw):
+    """Draw a robot's name, a seed, decades of the scales of rows, and the rank that they lack."""
+    robot = draw(st.sampled_from(_ROBOTS))
+    return robot, draw(st.integers(0, 999)), draw(st.floats(0.0, 2.0)), draw(st.integers(0, 3))
+
+
+@settings(max_examples=12, deadline=None)
+@given(contradictions())
+def test_any_rows_and_any_values_end_at_the_least_of_all_bodies(robots_folder, contradiction):
+    """Values that no bodies have, rows of any condition, some combinations and parameters not seen at all."""
+    pytest.importorskip("clarabel", reason="wants clarabel: pip install clarabel")
+    name, seed, decades, lacking = contradiction
+    bodies = build_bodies(read_robot(robots_folder / f"{name}.toml"))
+    rng = np.random.default_rng(seed)
+    size = len(bodies.names)
+    scales = 10.0 ** rng.uniform(-decades, decades, size=(2, size))
+    left = np.linalg.qr(rng.normal(size=(size, size)))[0]
+    matrix = (left * scales[0]) @ np.linalg.qr(rng.normal(size=(size, size)))[0] * scales[1]
+    matrix[:, rng.permutation(size)[:lacking]] = 0.0
+    matrix[:lacking] = 0.0
+    target = rng.normal(size=size) * np.abs(matrix).max() * 10.0 ** rng.uniform(-3.0, 1.0)
+    noise = np.append(np.zeros(size), np.sqrt(10.0 * size))
+    triangle = np.vstack([np.column_stack([matrix, target]), noise])
+    centre = np.linalg.lstsq(matrix, target, rcond=1e-8)[0]
+    found = solve_consistent(triangle, centre, bodies)
+    assert np.all(np.isfinite(found.values))
+    assert np.linalg.eigvalsh(build_pseudo_inertias(found.pi)).min() > 0.0
+    cost = build_cost(triangle, centre, bodies, found.weight)
+    ours = cost.find_value(found.unknowns)
+    theirs, least = minimise_by_cones(cost, triangle, bodies, found.unknowns)
+    assert ours <= least * (1.0 + 1e-6)
+    # Where clarabel does not call its own point an optimum, it may be above it.
+    assert theirs.status != "Solved" or ours == pytest.approx(least, rel=1e-6)
