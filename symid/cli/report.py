@@ -182,23 +182,23 @@ def _validate_logs(
     robot: "Robot",
 ) -> tuple["Validation", ...]:
     """Return what the estimate explains of each log, in the rows of the fit: like residuals compare."""
-    from symid.identification.fitted_processing import find_overlap, find_window
+    from symid.identification.fitted_processing import find_overlap, find_usable_window
     from symid.identification.validate import validate_estimate
 
     found = []
     for recording in recordings:
         console.progress(f"validating on {recording.source}")
-        found.append(
-            validate_estimate(
-                estimate,
-                library,
-                recording,
-                robot.processing,
-                rows=estimate.rows,
-                window=find_window(estimate.settings),
-                overlap=find_overlap(estimate.settings),
-            )
+        window, notices = find_usable_window(estimate.settings, recording)
+        tried = validate_estimate(
+            estimate,
+            library,
+            recording,
+            robot.processing,
+            rows=estimate.rows,
+            window=window,
+            overlap=find_overlap(estimate.settings),
         )
+        found.append(replace(tried, notices=(*notices, *tried.notices)))
     return tuple(found)
 
 

@@ -188,7 +188,7 @@ def check_controlled(robot: Robot, recordings: Sequence[Recording]) -> Controlle
     Raises:
         UsageError: the file states none, joints are elastic, or recordings have no reference.
     """
-    problems = [notice for recording in recordings for notice in find_unusable(recording)]
+    problems = [notice for recording in recordings for notice in find_unusable(recording, robot.controller)]
     if any(robot.elastic):
         names = ", ".join(joint.name for joint, gives in zip(robot.axes, robot.elastic, strict=True) if gives)
         text = (

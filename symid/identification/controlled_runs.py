@@ -45,6 +45,8 @@ _SETTLED = 0.05
 _EXACT = 1e-6
 """Change relative to the parameter that ends it too: a log without noise has no deviations."""
 _HALVINGS = 6
+_OF_VALUES = ("usage.negative-friction", "simulate.chatter")
+"""Codes of what keeps a robot from being simulated that other parameters may mend."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -180,8 +182,8 @@ def _start(scene: ControlledScene, values: FloatArray) -> list[ServoRun]:
     """Return the first runs; what is wrong with values is told apart from what no value would mend."""
     try:
         return _simulate(scene, values)
-    except UsageError as error:
-        notices = [notice for notice in error.notices if notice.code == "usage.negative-friction"]
+    except (UsageError, SolverError) as error:
+        notices = [notice for notice in error.notices if notice.code in _OF_VALUES]
         if not notices:
             raise
         text = (
@@ -208,7 +210,8 @@ def _advance(
             refused = error
     text = (
         "the parameters that explain the torque are of no robot that can be simulated: "
-        f"{refused.notices[0].text}; the log excites them too little, or the model misses a term"
+        f"{refused.notices[0].text}; gains, torque limits or reference are not those of the log, it excites "
+        "them too little, or the model misses a term"
     )
     raise SolverError(Notice(code="solver.controlled-robot", text=text)) from refused
 

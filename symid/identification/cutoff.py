@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 
 from symid.data.recording import Recording
 from symid.data.signals import settle_processing
-from symid.errors import Notice
+from symid.errors import LogError, Notice
 from symid.identification.identifiability import find_resting_joints
 from symid.identification.rows import WINDOW
 from symid.identification.spectra import NOISE_SHARE, find_bands
@@ -33,6 +33,8 @@ _LEAST_BAND = 5.0
 """Hz that are always kept: robots move there."""
 _RATIO = 5.0
 _HIGHEST = 0.4
+_ALIKE = 0.01
+"""Sample periods that differ by less, relative to one another, are the same: clocks drift."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,10 +52,14 @@ def choose_filters(processing: Processing, recordings: Sequence[Recording]) -> F
     Args:
         processing: as stated; returned as it is unless `automatic`.
         recordings: at least one; sampled alike.
+
+    Raises:
+        LogError: there is something to choose, and they are not sampled alike.
     """
     usual = settle_processing(processing, recordings[0].period)
     if usual == processing:
         return FilterChoice(processing=processing)
+    _check_periods(recordings)
     rate = 1.0 / recordings[0].period
     clean = _find_clean(recordings)
     moving = [band for band in clean if band > 0.0]
@@ -67,6 +73,18 @@ def choose_filters(processing: Processing, recordings: Sequence[Recording]) -> F
     cutoff = processing.filter_cutoff or float(f"{min(_RATIO * kept, _HIGHEST * rate):.3g}")
     chosen = replace(usual, filter_cutoff=cutoff, decimation=decimation)
     return FilterChoice(processing=chosen, clean=clean, notices=(_explain(chosen, clean, kept, usual),))
+
+
+def _check_periods(recordings: Sequence[Recording]) -> None:
+    periods = [entry.period for entry in recordings]
+    if max(periods) <= (1.0 + _ALIKE) * min(periods):
+        return
+    listed = ", ".join(f"{entry.source or 'a log'} every {1e3 * entry.period:.4g} ms" for entry in recordings)
+    text = (
+        f"the logs are not sampled alike ({listed}), and no cut-off and decimation can be chosen that suit "
+        "all: state filter_cutoff and decimation under [processing], or bring the logs to one rate"
+    )
+    raise LogError(Notice(code="identify.mixed-periods", text=text))
 
 
 def choose_window(kind: str, processing: Processing, period: float) -> float:

@@ -13,19 +13,20 @@ Not supported: fits of logs with different sample periods: the first one's is th
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from typing import Any
+from typing import Any, TypeGuard
 
 from symid.data.recording import Recording
 from symid.errors import EstimateError, Notice
 from symid.identification.cutoff import choose_filters
 from symid.identification.estimate import CHOSEN, Estimate, SettledProcessing
-from symid.identification.rows import WINDOW
+from symid.identification.rows import WINDOW, find_pieces
 from symid.robot.log_map import Decimation, Processing
 
 __all__ = [
     "describe_processing",
     "find_overlap",
     "find_run_weights",
+    "find_usable_window",
     "find_window",
     "read_fit_processing",
     "settle_as_fitted",
@@ -104,17 +105,21 @@ def read_fit_processing(settings: Mapping[str, object]) -> Processing:
     table: dict[str, Any] = dict(stored) if isinstance(stored, Mapping) else {"": stored}
     try:
         decimation = Decimation(**table.get("decimation", {}))
-        return Processing(**{**table, "decimation": decimation})
+        found = Processing(**{**table, "decimation": decimation})
     except TypeError:
         problem = _describe("processing", "a table of the processing", stored)
         raise EstimateError(problem) from None
+    if found.filter_cutoff is not None and not _is_positive(found.filter_cutoff):
+        raise EstimateError(_describe("filter_cutoff", "a positive number or null", found.filter_cutoff))
+    factor = decimation.factor
+    if not _is_positive(factor) or not isinstance(factor, int):
+        raise EstimateError(_describe("decimation.factor", "a positive whole number", factor))
+    return found
 
 
 def _has_same_period(settings: Mapping[str, object], recording: Recording) -> bool:
     period = settings.get("sample_period")
-    if isinstance(period, bool) or not isinstance(period, int | float) or not period > 0.0:
-        return False
-    return math.isclose(period, recording.period, rel_tol=_SAME)
+    return _is_positive(period) and math.isclose(period, recording.period, rel_tol=_SAME)
 
 
 def find_window(settings: Mapping[str, object]) -> float:
@@ -124,9 +129,30 @@ def find_window(settings: Mapping[str, object]) -> float:
         EstimateError: it is no positive number.
     """
     window = settings.get("window", WINDOW)
-    if isinstance(window, bool) or not isinstance(window, int | float) or not 0.0 < window < float("inf"):
+    if not _is_positive(window):
         raise EstimateError(_describe("window", "a positive number", window))
     return float(window)
+
+
+def find_usable_window(
+    settings: Mapping[str, object], recording: Recording
+) -> tuple[float, tuple[Notice, ...]]:
+    """Return the windows of the fit in s; where `recording` is too coarse for them longer ones, and a notice.
+
+    Raises:
+        EstimateError: windows or overlap in the settings cannot be used.
+    """
+    window, pieces = find_window(settings), find_pieces(find_overlap(settings))
+    # Windows are pieces of at least two sample periods, see `find_windows`.
+    if round(window / pieces / (2.0 * recording.period)) >= 1:
+        return window, ()
+    longer = 2.0 * recording.period * pieces
+    text = (
+        f"the windows of the fit, {window:g} s long, are too short for a log sampled every "
+        f"{recording.period:g} s: windows of {longer:g} s stand in their place, whose residual is not to be "
+        "compared with that of the fit"
+    )
+    return longer, (Notice(code="validate.longer-windows", text=text, file=recording.source),)
 
 
 def find_overlap(settings: Mapping[str, object]) -> float:
@@ -150,13 +176,14 @@ def find_run_weights(settings: Mapping[str, object], count: int) -> tuple[float,
     weights = settings.get("weights")
     if weights is None:
         return None
-    usable = isinstance(weights, Sequence) and all(
-        isinstance(entry, int | float) and not isinstance(entry, bool) and 0.0 < entry < float("inf")
-        for entry in weights
-    )
+    usable = isinstance(weights, Sequence) and all(_is_positive(entry) for entry in weights)
     if not isinstance(weights, Sequence) or not usable or len(weights) != count:
         raise EstimateError(_describe("weights", f"{count} positive numbers", weights))
     return tuple(map(float, weights))
+
+
+def _is_positive(value: object) -> TypeGuard[int | float]:
+    return isinstance(value, int | float) and not isinstance(value, bool) and 0.0 < value < float("inf")
 
 
 def _describe(name: str, expected: str, found: object) -> Notice:

@@ -121,6 +121,12 @@ def find_identifiability(rows: Rows, rule: RankRule | None = None) -> Identifiab
             than parameters.
     """
     rule = rule or RankRule()
+    if not len(rows.values):
+        text = (
+            "no equation is left of this log: its joints are slower than processing.standstill, or stand "
+            "still, wherever it is not cut off; record a longer log, or leave out less"
+        )
+        raise IdentifiabilityError(Notice(code="identify.no-rows", text=text), *rows.notices)
     seen = judge_condensed(condense_rows(rows), rows.kind, rows.names, rule)
     check_share(seen, rows.names, rule.least, rows.notices)
     return seen

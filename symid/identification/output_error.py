@@ -24,6 +24,7 @@ from symid.arrays import FloatArray
 from symid.codegen.library import Library
 from symid.data.recording import Recording, Signals
 from symid.data.signals import decimate_columns, settle_processing
+from symid.errors import IdentifiabilityError, Notice
 from symid.identification.controlled_runs import (
     ControlledFit,
     ControlledScene,
@@ -32,7 +33,12 @@ from symid.identification.controlled_runs import (
     fit_controlled,
 )
 from symid.identification.estimators import EstimatorOptions, fit_rows
-from symid.identification.identifiability import RankRule, find_identifiability, find_resting_joints
+from symid.identification.identifiability import (
+    Identifiability,
+    RankRule,
+    find_identifiability,
+    find_resting_joints,
+)
 from symid.identification.rows import Rows, build_rows, drop_groups, stack_rows
 from symid.identification.servo import ServoLoop, ServoRun
 from symid.robot.log_map import Processing
@@ -82,11 +88,24 @@ def fit_output_error(
 
     def solve(values: FloatArray, runs: Sequence[ServoRun]) -> Solution:
         rows, shifted = _build_rows(scene, values, runs)
-        seen = find_identifiability(shifted, rule)
+        seen = _see(shifted, rule)
         fit = fit_rows(estimator, shifted, seen, how.noise_freedom, options)
         return Solution(fit=fit, seen=seen, rows=rows, simulated=rows)
 
     return fit_controlled(scene, start, solve, tell=tell)
+
+
+def _see(rows: Rows, rule: RankRule | None) -> Identifiability:
+    try:
+        return find_identifiability(rows, rule)
+    except IdentifiabilityError as error:
+        text = (
+            "the simulated robot does not move enough, whatever the measured one does: the reference of the "
+            "log hardly moves, or the simulated robot does not follow it; check q_ref, its unit and "
+            "[controller]"
+        )
+        blind = Notice(code="identify.blind-simulation", text=text)
+        raise IdentifiabilityError(blind, *error.notices) from error
 
 
 def _build_rows(scene: ControlledScene, values: FloatArray, runs: Sequence[ServoRun]) -> tuple[Rows, Rows]:

@@ -30,20 +30,23 @@ class Windows:
         return slice(0, self.count * self.intervals + 1, self.intervals)
 
 
-def find_windows(samples: int, period: float, length: float) -> Windows:
-    """Return the windows of about `length` s that fit into so many samples, `period` s apart.
+def find_windows(samples: int, period: float, length: float, pieces: int = 1) -> Windows:
+    """Return the windows of about `length / pieces` s that fit into so many samples, `period` s apart.
 
-    The number of intervals is the even one next to `length / period`, for Simpson's rule.
+    The number of intervals is the even one next to `length / pieces / period`, for Simpson's rule.
 
     Raises:
         UsageError: a window is shorter than two sample periods or longer than the log.
     """
-    intervals = 2 * round(length / (2.0 * period)) if length > 0.0 else 0
+    step = length / pieces
+    intervals = 2 * round(step / (2.0 * period)) if step > 0.0 else 0
     count = (samples - 1) // intervals if intervals else 0
     if count < 1:
+        begun = f", each begun {step:g} s after the last, as the overlap asks, and this" if pieces > 1 else ""
         text = (
-            f"window of {length:g} s: must be at least two sample periods ({2 * period:g} s) "
+            f"window of {length:g} s{begun or ':'} must be at least two sample periods ({2 * period:g} s) "
             f"and at most the log without its cut ends ({(samples - 1) * period:g} s)"
+            f"{'; ask for longer windows, or for less overlap' if pieces > 1 else ''}"
         )
         raise UsageError(Notice(code="usage.window", text=text))
     return Windows(count=count, intervals=intervals, period=period)

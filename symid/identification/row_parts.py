@@ -117,7 +117,7 @@ def _find_kept_times(time: FloatArray, kept: int, factor: int) -> FloatArray:
 
 def build_momentum_part(library: Library, signals: Signals, length: float, pieces: int) -> Part:
     """Return momentum equations over windows of `length` s; each begins a `pieces`th of it after the last."""
-    windows = find_windows(len(signals.time), signals.period, length / pieces)
+    windows = find_windows(len(signals.time), signals.period, length, pieces)
     whole = slice(0, len(signals.time))
     matrix = _merge(_integrate_momentum(library, signals, windows, whole), pieces)
     return outline_momentum_part(signals, length, pieces)._replace(matrix=matrix)
@@ -127,7 +127,7 @@ def cut_momentum_matrix(
     library: Library, signals: Signals, length: float, pieces: int
 ) -> Iterator[tuple[slice, FloatArray]]:
     """Yield the matrix (k, n, p) of momentum equations block by block, and which rows a block holds."""
-    windows = find_windows(len(signals.time), signals.period, length / pieces)
+    windows = find_windows(len(signals.time), signals.period, length, pieces)
     rows, step = windows.count - pieces + 1, max(pieces, _WINDOWS)
     for start in range(0, rows, step):
         stop = min(rows, start + step)
@@ -154,7 +154,7 @@ def _integrate_momentum(library: Library, signals: Signals, windows: Windows, sa
 
 def outline_momentum_part(signals: Signals, length: float, pieces: int) -> Part:
     """Return momentum equations without their matrix."""
-    windows = find_windows(len(signals.time), signals.period, length / pieces)
+    windows = find_windows(len(signals.time), signals.period, length, pieces)
     ends, span = windows.ends, windows.intervals * windows.period
     values = _merge(integrate_windows(signals.tau, windows), pieces)
     return Part(
@@ -168,7 +168,7 @@ def outline_momentum_part(signals: Signals, length: float, pieces: int) -> Part:
 
 def build_energy_part(library: Library, signals: Signals, length: float, pieces: int) -> Part:
     """Return energy equations over windows, as `build_momentum_part`."""
-    windows = find_windows(len(signals.time), signals.period, length / pieces)
+    windows = find_windows(len(signals.time), signals.period, length, pieces)
     ends = windows.ends
     kinetic, potential = library.evaluate("energy_regressor", signals.q[ends], signals.dq[ends])
     columns = [np.diff(kinetic + potential, axis=0)]

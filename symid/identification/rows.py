@@ -50,6 +50,7 @@ __all__ = [
     "build_rows",
     "cut_rows",
     "drop_groups",
+    "find_pieces",
     "outline_rows",
     "select_rows",
     "stack_rows",
@@ -145,7 +146,7 @@ def build_rows(
     if kind not in ROW_KINDS:
         text = f"rows {kind!r}: there is no such kind; allowed are {', '.join(ROW_KINDS)}"
         raise UsageError(Notice(code="usage.unknown-rows", text=text))
-    pieces = _find_pieces(overlap)
+    pieces = find_pieces(overlap)
     builders = {
         "torque": lambda: build_torque_part(library, signals, processing),
         "momentum": lambda: build_momentum_part(library, signals, window, pieces),
@@ -172,7 +173,7 @@ def outline_rows(
     part = (
         outline_torque_part(signals, processing)
         if kind == "torque"
-        else outline_momentum_part(signals, window, _find_pieces(overlap))
+        else outline_momentum_part(signals, window, find_pieces(overlap))
     )
     places = np.arange(len(part.values), dtype=np.float64)
     return _assemble(kind, card, part._replace(matrix=np.tile(places[:, None, None], (1, card.size, 1))))
@@ -193,10 +194,10 @@ def cut_rows(
     """
     if kind == "torque":
         return cut_torque_matrix(library, signals, processing)
-    return cut_momentum_matrix(library, signals, window, _find_pieces(overlap))
+    return cut_momentum_matrix(library, signals, window, find_pieces(overlap))
 
 
-def _find_pieces(overlap: float) -> int:
+def find_pieces(overlap: float) -> int:
     """Return how many windows begin within the length of one."""
     if not 0.0 <= overlap <= _MOST_SHARED:
         text = f"overlap {overlap:g}: must be a part of a window, from 0 to {_MOST_SHARED:g}"
@@ -262,7 +263,7 @@ def stack_rows(parts: Sequence[Rows], weights: Sequence[float] | None = None) ->
         values=np.concatenate([part.values for part in parts])[order],
         group=group[order],
         time=np.concatenate([part.time for part in parts])[order],
-        independent=sum(part.independent * len(part.values) for part in parts) / len(group),
+        independent=sum(part.independent * len(part.values) for part in parts) / max(len(group), 1),
         velocity=np.concatenate([part.velocity for part in parts])[order],
         notices=notices,
         run=run[order],

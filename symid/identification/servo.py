@@ -23,6 +23,7 @@ from symid.codegen.library import Library
 from symid.data.filters import differentiate
 from symid.data.recording import Recording, Signals
 from symid.errors import Notice, SolverError, UsageError
+from symid.identification.identifiability import find_resting_joints
 from symid.identification.valued_library import ValuedLibrary, state_values
 from symid.robot.controller import Controller
 from symid.simulation.plant import Plant, PlantState
@@ -40,6 +41,8 @@ _FORGOTTEN = 10.0
 """Times Kd / Kp after which the loop has forgotten where the simulation began."""
 _AT_REST = 1e-9
 """Velocities of the reference below this, rad/s or m/s, are none."""
+_STRANGE = 1.8
+"""Deviation of reference less position, beside that of the position, above which they are of two motions."""
 _LOST = 10.0
 """A run is lost this many times the reference's range away from it, and at least so many rad or m."""
 
@@ -81,9 +84,7 @@ class ServoLoop:
     @property
     def settling(self) -> float:
         """Return the time in s after which nothing is left of how a simulation began."""
-        stiffness, damping = np.array(self.controller.stiffness), np.array(self.controller.damping)
-        slow = np.divide(damping, stiffness, out=np.zeros_like(damping), where=stiffness > 0.0)
-        return _FORGOTTEN * float(slow.max())
+        return _find_settling(self.controller)
 
     def find_blend(self, period: float) -> float:
         """Return b of the velocity's low-pass at a period in s."""
@@ -108,10 +109,11 @@ def build_loop(recording: Recording, controller: Controller, limit: FloatArray) 
         limit: (n,) N m or N, infinite where there is none.
 
     Raises:
-        UsageError: the recording has no reference, or one that is no number throughout.
+        UsageError: the recording has no reference, or one that is no number throughout or of another motion;
+            the loop is too slow for it.
     """
     reference = recording.reference
-    unusable = find_unusable(recording)
+    unusable = find_unusable(recording, controller)
     if unusable or reference is None:
         raise UsageError(*unusable)
     speeds = np.zeros_like(reference)
@@ -139,8 +141,8 @@ def build_loop(recording: Recording, controller: Controller, limit: FloatArray) 
     )
 
 
-def find_unusable(recording: Recording) -> tuple[Notice, ...]:
-    """Return what keeps the controller of a recording from being simulated."""
+def find_unusable(recording: Recording, controller: Controller | None = None) -> tuple[Notice, ...]:
+    """Return what keeps a controller, any if none is given, from being simulated along a recording."""
     if recording.reference is None:
         text = (
             "this estimator simulates the controller, and the log has no reference position: log it as "
@@ -157,7 +159,47 @@ def find_unusable(recording: Recording) -> tuple[Notice, ...]:
                 "counted from 0; cut or repair the log there"
             )
             notices.append(Notice(code="usage.controlled-robot", text=text, file=recording.source))
-    return tuple(notices)
+    if notices:
+        return tuple(notices)
+    slow = () if controller is None else _refuse_slow(recording, _find_settling(controller))
+    return (*_refuse_strange(recording, recording.reference), *slow)
+
+
+def _refuse_strange(recording: Recording, reference: FloatArray) -> tuple[Notice, ...]:
+    """Return a notice where the reference is so far from a joint that moves that it is of something else."""
+    if reference.shape != recording.position.shape:
+        return ()
+    moved, away = np.std(recording.position, axis=0), np.std(reference - recording.position, axis=0)
+    resting = find_resting_joints(recording)
+    strange = [j for j in range(len(moved)) if j not in resting and away[j] > _STRANGE * moved[j]]
+    if not strange:
+        return ()
+    told = ", ".join(f"{j + 1} ({away[j]:.3g} from it, which moves {moved[j]:.3g})" for j in strange)
+    text = (
+        "the reference is not one of the measured position, counted in standard deviations in rad or m, of "
+        f"joint {told}: check unit, factor, sign and side (of the gear) of [log.reference], or whose run it "
+        "is"
+    )
+    return (Notice(code="usage.controlled-robot", text=text, file=recording.source),)
+
+
+def _refuse_slow(recording: Recording, settling: float) -> tuple[Notice, ...]:
+    """Return a notice where the loop does not forget within the log where its simulation began."""
+    length = len(recording.time) * recording.period
+    if settling + 2.0 * recording.period < length:
+        return ()
+    text = (
+        f"the loop forgets where its simulation began after {settling:.3g} s, {_FORGOTTEN:g} times damping "
+        f"/ stiffness of its slowest joint, and the log is {length:.3g} s long: check the gains of "
+        "[controller], or record longer"
+    )
+    return (Notice(code="usage.controlled-robot", text=text, file=recording.source),)
+
+
+def _find_settling(controller: Controller) -> float:
+    stiffness, damping = np.array(controller.stiffness), np.array(controller.damping)
+    slow = np.divide(damping, stiffness, out=np.zeros_like(damping), where=stiffness > 0.0)
+    return _FORGOTTEN * float(slow.max())
 
 
 def find_demand(loop: ServoLoop, recording: Recording) -> FloatArray:
@@ -218,7 +260,9 @@ def simulate_servo(library: Library, values: FloatArray, recording: Recording, l
         demand = loop.offset + loop.feedforward[k] + push
         torque[k] = np.minimum(np.maximum(demand, -loop.limit), loop.limit)
         if k + 1 < count:
-            state = plant.advance(state, torque[k], period)
+            # A loop that runs away overflows within a period, which is told at its end.
+            with np.errstate(over="ignore", invalid="ignore"):
+                state = plant.advance(state, torque[k], period)
     return ServoRun(
         signals=Signals(
             time=recording.time,

@@ -14,10 +14,11 @@ import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from typing import TypeVar
 
-from symid.errors import Notice, UsageError
+from symid.errors import Notice, SolverError, UsageError
 from symid.threads import THREAD_VARIABLES, ask_for_one_thread
 
 __all__ = ["find_jobs", "run_tasks"]
@@ -59,6 +60,7 @@ def run_tasks(
 
     Raises:
         UsageError: jobs is not positive.
+        SolverError: something outside ended a worker.
     """
     count = min(find_jobs(jobs), len(tasks))
     results: list[B] = []
@@ -77,12 +79,22 @@ def run_tasks(
                 results.append(future.result())
                 if progress is not None:
                     progress(len(results), len(tasks))
-        except BaseException:
+        except BaseException as error:
             # The pool would wait for what runs.
             for worker in set(multiprocessing.active_children()) - others:
                 worker.terminate()
+            if isinstance(error, BrokenProcessPool):
+                raise SolverError(_say_lost(len(results), len(tasks))) from error
             raise
     return tuple(results)
+
+
+def _say_lost(done: int, whole: int) -> Notice:
+    text = (
+        f"a worker process was ended from outside after {done} of {whole} tasks, as a system does that runs "
+        "out of memory: try again with fewer jobs"
+    )
+    return Notice(code="solver.worker-lost", text=text)
 
 
 @contextmanager

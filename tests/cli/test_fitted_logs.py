@@ -179,3 +179,21 @@ def test_one_log_is_tried_at_a_time(capsys, folder, estimate, runs):
     code, answer = call_json(capsys, "validate", folder / "arm.toml", estimate, runs)
     assert (code, answer["errors"][0]["code"]) == (2, "usage.one-log")
     assert "lists 3 runs" in answer["errors"][0]["text"]
+
+
+def test_a_page_of_momentum_rows_takes_a_coarse_log(capsys, folder, tmp_path):
+    """Windows of the fit are shorter than two samples of it."""
+    with np.load(folder / "clean.npz") as log:
+        columns = {key: log[key] for key in log.files}
+    count = len(columns["t"])
+    thin = {key: entry[::10] if entry.shape[:1] == (count,) else entry for key, entry in columns.items()}
+    np.savez(tmp_path / "coarse.npz", **thin)
+    call = ("identify", folder / "arm.toml", folder / "clean.npz", "--rows", "momentum", "--window", "0.004")
+    assert run([*map(str, call), "-o", str(tmp_path / "fit.json"), "-q"]) == 0
+    call = ("report", tmp_path / "fit.json", "--robot", folder / "arm.toml")
+    capsys.readouterr()
+    log = ("--validation", tmp_path / "coarse.npz", "-o", tmp_path / "page.html")
+    code, answer = call_json(capsys, *call, *log)
+    assert code == 0
+    assert "validate.longer-windows" in find_codes(answer)
+    assert (tmp_path / "page.html").exists()

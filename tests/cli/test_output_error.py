@@ -203,3 +203,50 @@ def test_a_slip_in_the_name_is_met_with_the_name(capsys, folder):
     assert code == 2
     assert find_codes(answer) == {"usage.unknown-estimator"}
     assert "sequential, output-error" in find_texts(answer)
+
+
+def change_reference(folder, out, change):
+    with np.load(folder / "log1.npz") as log:
+        columns = {key: log[key] for key in log.files}
+    for key in ("q_ref", "dq_ref"):
+        columns[key] = change(columns[key])
+    np.savez(out, **columns)
+    return out
+
+
+@pytest.mark.parametrize("estimator", ["output-error", "instrumental"])
+def test_a_reference_in_degrees_is_refused(capsys, folder, tmp_path, estimator):
+    log = change_reference(folder, tmp_path / "degrees.npz", np.rad2deg)
+    code, answer = call(capsys, "identify", folder / "arm.toml", log, "--estimator", estimator)
+    assert code == 2
+    assert find_codes(answer) == {"usage.controlled-robot"}
+    assert "check unit, factor, sign" in find_texts(answer)
+
+
+def test_a_reference_that_stands_still_is_told_as_the_cause(capsys, folder, tmp_path):
+    log = change_reference(folder, tmp_path / "flat.npz", lambda column: 0.0 * column)
+    code, answer = call(capsys, "identify", folder / "arm.toml", log, "--estimator", "output-error")
+    assert code == 4
+    assert answer["errors"][0]["code"] == "identify.blind-simulation"
+
+
+@pytest.mark.parametrize("estimator", ["output-error", "instrumental"])
+def test_a_loop_slower_than_the_log_is_refused(capsys, folder, estimator):
+    order = ("identify", folder / "arm.toml", folder / "log1.npz", "--estimator", estimator)
+    code, answer = call(capsys, *order, "--set", "controller.stiffness=[400, 1e-9]")
+    assert code == 2
+    assert find_codes(answer) == {"usage.controlled-robot"}
+    assert "times damping / stiffness" in find_texts(answer)
+
+
+@pytest.mark.parametrize("estimator", ["output-error", "instrumental"])
+def test_a_start_that_is_no_robot_is_named_as_the_cause(capsys, folder, estimate, tmp_path, estimator):
+    start = json.loads(estimate.read_text())
+    for entry in start["parameters"]:
+        entry["value"] *= -1.0 if entry["name"].startswith("ZZ") else 1.0
+    (tmp_path / "start.json").write_text(json.dumps(start))
+    order = ("identify", folder / "arm.toml", folder / "log1.npz", "--estimator", estimator)
+    code, answer = call(capsys, *order, "--start", tmp_path / "start.json")
+    assert code == 5
+    assert find_codes(answer) == {"solver.controlled-robot"}
+    assert "the parameters to begin with" in find_texts(answer)

@@ -5,6 +5,7 @@ import pytest
 
 from symid.data.recording import Recording
 from symid.data.signals import settle_processing
+from symid.errors import LogError
 from symid.identification.cutoff import choose_filters, choose_window
 from symid.identification.identify import identify_parameters
 from symid.identification.spectra import find_bands
@@ -92,3 +93,17 @@ def test_windows_of_momentum_rows_are_as_long_as_torque_rows_are_apart():
         0.1,
         0.1,
     ]
+
+
+def test_logs_of_other_rates_are_refused_where_there_is_something_to_choose():
+    """What is chosen would be that of the log named first."""
+    fine = record()
+    coarse = Recording(
+        time=fine.time[::2], position=fine.position[::2], torque=fine.torque[::2], source="slow"
+    )
+    for pair in ([fine, coarse], [coarse, fine]):
+        with pytest.raises(LogError, match="slow every 2 ms") as caught:
+            choose_filters(AUTOMATIC, pair)
+        assert caught.value.notices[0].code == "identify.mixed-periods"
+        stated = Processing(filter_cutoff=60.0, decimation=Decimation(factor=4))
+        assert choose_filters(stated, pair).processing == stated

@@ -8,12 +8,13 @@ import pytest
 from symid.data.cuts import cut_recording
 from symid.data.recording import Recording
 from symid.data.signals import settle_processing
-from symid.errors import EstimateError
+from symid.errors import EstimateError, UsageError
 from symid.identification.cutoff import choose_filters
 from symid.identification.diagnosis import diagnose_estimate
 from symid.identification.fitted_processing import (
     find_overlap,
     find_run_weights,
+    find_usable_window,
     find_window,
     read_fit_processing,
     settle_as_fitted,
@@ -223,6 +224,12 @@ def test_weights_of_logs_count_in_the_structure_of_the_residual():
         (read_fit_processing, {}),
         (read_fit_processing, {"processing": 3}),
         (read_fit_processing, {"processing": {**asdict(Processing()), "strange": 1}}),
+        (read_fit_processing, {"processing": {"filter_cutoff": "80"}}),
+        (read_fit_processing, {"processing": {"filter_cutoff": [80]}}),
+        (read_fit_processing, {"processing": {"filter_cutoff": -80}}),
+        (read_fit_processing, {"processing": {"decimation": {"factor": "3"}}}),
+        (read_fit_processing, {"processing": {"decimation": {"factor": -3}}}),
+        (read_fit_processing, {"processing": {"decimation": {"factor": 2.5}}}),
         (lambda settings: find_run_weights(settings, 2), {"weights": [1.0]}),
         (lambda settings: find_run_weights(settings, 2), {"weights": [1.0, -1.0]}),
         (lambda settings: find_run_weights(settings, 2), {"weights": 3}),
@@ -237,3 +244,25 @@ def test_settings_that_cannot_be_read_are_refused(read, settings):
 def test_settings_that_say_nothing_have_defaults():
     assert (find_window({}), find_overlap({}), find_run_weights({}, 2)) == (0.1, 0.0, None)
     assert find_run_weights({"weights": [2, 0.5]}, 2) == (2.0, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("overlap", "step", "expected"),
+    [(0.0, 1e-2, 2e-2), (0.5, 1e-2, 4e-2), (0.5, 2e-3, 1e-2), (0.0, 2e-3, 1e-2)],
+)
+def test_windows_too_short_for_a_coarse_log_become_longer(overlap, step, expected):
+    time = step * np.arange(200)
+    position = np.column_stack([np.sin(9.0 * time), np.cos(7.0 * time)])
+    recording = Recording(time=time, position=position, torque=position, source="coarse")
+    settings = {"window": 1e-2, "overlap": overlap}
+    window, notices = find_usable_window(settings, recording)
+    assert window == pytest.approx(expected)
+    assert [(entry.code, entry.file) for entry in notices] == [("validate.longer-windows", "coarse")] * (
+        expected > 1e-2
+    )
+    # The window serves, and where another one took its place the fit's would not have.
+    call = ("momentum", LIBRARY, recording, Processing(filter_cutoff=20.0))
+    assert len(prepare_rows(*call, window=window, overlap=overlap).values) > 0
+    if notices:
+        with pytest.raises(UsageError, match="two sample periods"):
+            prepare_rows(*call, window=1e-2, overlap=overlap)

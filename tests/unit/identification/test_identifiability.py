@@ -211,3 +211,14 @@ def test_energy_rows_warn_beyond_three_joints():
     rows = build_rows("energy", wide, type(signals)(time=signals.time, period=1e-3, **four), PLAIN)
     assert [notice.code for notice in rows.notices] == ["identify.energy-rank"]
     assert build_rows("energy", build_one_axis(), signals, PLAIN).notices == ()
+
+
+def test_logs_whose_rows_are_all_left_out_say_so():
+    """Rows slower than `standstill` are left out, here all of them."""
+    library = build_two_link()
+    recording = build_recording(library, TWO_LINK_TRUTH, samples=501)
+    processing = Processing(filter_cutoff=50.0, standstill=1e3)
+    with pytest.raises(IdentifiabilityError, match=r"no equation is left.*processing\.standstill") as caught:
+        identify_parameters(library, [recording], processing)
+    assert caught.value.notices[0].code == "identify.no-rows"
+    assert "identify.slow-rows" in {entry.code for entry in caught.value.notices}

@@ -35,3 +35,9 @@ def test_windows_that_do_not_fit_are_refused(length):
     with pytest.raises(UsageError, match=r"window of .* at least two sample periods \(0.02 s\)") as caught:
         find_windows(101, 0.01, length)
     assert caught.value.notices[0].code == "usage.window"
+
+
+def test_windows_that_overlap_too_much_are_told_as_they_were_asked_for():
+    with pytest.raises(UsageError, match=r"window of 0.1 s, each begun 0.01 s after the last.*less overlap"):
+        find_windows(101, 0.01, 0.1, pieces=10)
+    assert find_windows(101, 0.01, 0.4, pieces=10) == find_windows(101, 0.01, 0.04)

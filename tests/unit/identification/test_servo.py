@@ -12,7 +12,7 @@ from symid.data.recording import Recording
 from symid.errors import SolverError, UsageError
 from symid.excitation.trajectories import FourierOptions, build_random_fourier
 from symid.formats.toml import read_robot
-from symid.identification.servo import ServoLoop, build_loop, find_demand, simulate_servo
+from symid.identification.servo import ServoLoop, build_loop, find_demand, find_unusable, simulate_servo
 from symid.robot.controller import Controller
 from symid.simulation.experiment import ExperimentOptions, simulate_experiment
 from symid.simulation.sensors import SensorOptions
@@ -170,5 +170,39 @@ def test_what_no_one_can_simulate_is_said(axis):
     with pytest.raises(UsageError, match="at sample 7"):
         build_loop(replace(recording, reference=broken), GAINS, FREE[:1])
     loop = build_loop(recording, replace(GAINS, stiffness=(9e6,)), FREE[:1])
+    with pytest.raises(SolverError, match="left its reference"):
+        simulate_servo(axis, np.array([MASS, VISCOUS, 0.0, 0.0]), recording, loop)
+
+
+@pytest.mark.parametrize("factor", [180.0 / np.pi, 50.0, -1.0])
+def test_a_reference_of_another_scale_or_sign_is_refused(factor):
+    recording = make_recording()
+    tracked = replace(recording, position=recording.reference)
+    assert find_unusable(tracked) == ()
+    (notice,) = find_unusable(replace(tracked, reference=factor * recording.reference))
+    assert notice.code == "usage.controlled-robot"
+    assert "the reference is not one of the measured position" in notice.text
+
+
+def test_a_reference_is_not_asked_of_joints_that_a_brake_holds():
+    assert find_unusable(make_recording()) == ()
+
+
+def test_a_log_shorter_than_its_loop_takes_to_settle_is_refused():
+    """The constant torque would be the mean of nothing."""
+    recording = make_recording()
+    slow = Controller(stiffness=(1.0,), damping=(0.1 * PERIOD * COUNT,))
+    with pytest.raises(UsageError, match=r"the loop forgets where its simulation began after 0\.8 s"):
+        build_loop(recording, slow, np.full(1, np.inf))
+    quick = replace(slow, damping=(0.09 * PERIOD * COUNT,))
+    assert np.isfinite(build_loop(recording, quick, np.full(1, np.inf)).offset).all()
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_loop_that_runs_away_says_so_and_no_more(axis):
+    """A force whose square is no number any more, within the first period."""
+    wild = Controller(stiffness=(1e200,), damping=(0.0,), offset=(0.0,))
+    recording = make_recording()
+    loop = build_loop(recording, wild, np.full(1, np.inf))
     with pytest.raises(SolverError, match="left its reference"):
         simulate_servo(axis, np.array([MASS, VISCOUS, 0.0, 0.0]), recording, loop)

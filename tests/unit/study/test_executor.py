@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from symid.errors import UsageError
+from symid.errors import SolverError, UsageError
 from symid.study.executor import find_jobs, run_tasks
 from symid.threads import THREAD_VARIABLES
 
@@ -27,6 +27,13 @@ def test_results_come_in_the_order_of_the_tasks(jobs):
 def test_an_error_of_a_task_is_not_lost(jobs):
     with pytest.raises(ValueError, match="factorial"):
         run_tasks(math.factorial, (1, -1), jobs=jobs)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_worker_that_is_ended_from_outside_is_told(jobs):
+    with pytest.raises(SolverError, match="a worker process was ended from outside after") as caught:
+        run_tasks(os._exit, (3, 3, 3), jobs=jobs)
+    assert caught.value.notices[0].code == "solver.worker-lost"
 
 
 def test_no_tasks_give_no_results():
