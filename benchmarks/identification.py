@@ -17,12 +17,12 @@ import numpy as np
 from symid.codegen.cache import prepare_library
 from symid.codegen.library import Library
 from symid.data.recording import Signals
+from symid.estimators.condensed_fit import fit_condensed
 from symid.excitation.trajectories import FourierOptions, build_random_fourier
 from symid.formats.toml import read_robot
-from symid.identification.condensed_fit import fit_condensed
-from symid.identification.identifiability import judge_condensed
-from symid.identification.streaming import condense_signals
 from symid.robot.description import Robot
+from symid.rows.identifiability import judge_condensed
+from symid.rows.streaming import condense_signals
 
 ROBOT = Path(__file__).resolve().parent.parent / "robots" / "panda.toml"
 PERIOD = 1e-3

@@ -24,10 +24,10 @@ from symid.identification.comparison import (
 )
 from symid.identification.diagnosis import diagnose_estimate
 from symid.identification.identify import identify_parameters
-from symid.identification.metric import find_band_residual, predict_torques
 from symid.parameters.base import find_base_parameters
 from symid.parameters.readings import find_coupled_readings
 from symid.parameters.regrouping import find_change, find_regrouping, read_group
+from symid.residuals.metric import find_band_residual, predict_torques
 
 FITS = (("torque", "ols"), ("torque", "wls"), ("momentum", "ols"), ("momentum", "wls"))
 

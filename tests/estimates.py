@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from symid.codegen.model_card import build_model_card
+from symid.estimators.estimate import Estimate, Outcome, ParameterEstimate, Residual
 from symid.formats.settings import list_processing
-from symid.identification.estimate import Estimate, Outcome, ParameterEstimate, Residual
 from symid.identification.storage import write_estimate
 from symid.joint.friction import FRICTION_MODELS
 from symid.parameters.base import find_base_parameters

@@ -20,7 +20,7 @@ from symid.errors import IdentifiabilityError, Notice, UsageError
 
 if TYPE_CHECKING:  # these load numpy
     from symid.data.recording import Recording
-    from symid.identification.log_excitation import Excitation
+    from symid.logcheck.log_excitation import Excitation
     from symid.robot.description import Robot
 
 __all__ = ["command"]
@@ -163,7 +163,7 @@ def _answer_dynamics(
         skipped = "joints give: signs, order and excitation are looked at for rigid joints only"
         note = Notice(code="check.elastic", text=f"{skipped}; `symid identify` says what it cannot tell")
         return Answer(text="\n\n".join(text), result=result, warnings=(*warnings, note))
-    from symid.identification.log_check import check_logs
+    from symid.logcheck.log_check import check_logs
 
     library = load_robot_library(robot, console)
     console.progress("looking at the motion")

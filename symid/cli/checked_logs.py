@@ -12,8 +12,8 @@ if TYPE_CHECKING:  # these load numpy
     from symid.data.recording import Recording
     from symid.data.summary import JointSummary
     from symid.data.timing import Timing
-    from symid.identification.log_check import LogCheck
-    from symid.identification.log_excitation import Excitation
+    from symid.logcheck.log_check import LogCheck
+    from symid.logcheck.log_excitation import Excitation
 
 __all__ = ["describe_check", "describe_log", "show_excitation", "show_joints"]
 

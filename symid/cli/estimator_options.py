@@ -15,8 +15,8 @@ from symid.errors import Notice, UsageError
 if TYPE_CHECKING:  # these load numpy
     from symid.codegen.library import Library
     from symid.data.recording import Recording
-    from symid.identification.estimators import EstimatorOptions
-    from symid.identification.prior import Prior
+    from symid.estimators.estimators import EstimatorOptions
+    from symid.estimators.prior import Prior
     from symid.robot.description import Robot
 
 __all__ = [
@@ -154,24 +154,24 @@ def build_estimator_options(
         UsageError: there is no prior, or the motion does not repeat.
         EstimateError: the prior is of another model.
     """
-    from symid.identification.estimators import EstimatorOptions
+    from symid.estimators.estimators import EstimatorOptions
 
     if estimator == "ridge":
         prior = _read_prior(library, options["prior"] or _ROBOT, options["prior_deviation"])
         return EstimatorOptions(prior=prior, prior_weight=options["prior_weight"])
     if estimator == "consistent":
-        from symid.identification.bodies import build_bodies
+        from symid.estimators.bodies import build_bodies
 
         return EstimatorOptions(bodies=build_bodies(robot))
     if estimator == "gls" and options.get("period"):
-        from symid.identification.period_noise import find_period_noise
+        from symid.rows.period_noise import find_period_noise
 
         return EstimatorOptions(noise=find_period_noise(recordings, robot.processing, options["period"]))
     return EstimatorOptions()
 
 
 def _read_prior(library: "Library", name: str, deviation: float | None) -> "Prior":
-    from symid.identification.prior import build_prior_of_card, build_prior_of_estimate
+    from symid.estimators.prior import build_prior_of_card, build_prior_of_estimate
 
     if name == _ROBOT:
         return build_prior_of_card(library.card, (_DEVIATION if deviation is None else deviation) / 100.0)

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 from symid.cli.output import write_json
 
 if TYPE_CHECKING:  # these load numpy and sympy
+    from symid.estimators.estimate import ParameterEstimate
     from symid.formats.value_vectors import RobotValues
-    from symid.identification.estimate import ParameterEstimate
     from symid.parameters.base import BaseParameters
     from symid.robot.description import Robot
 

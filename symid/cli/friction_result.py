@@ -15,8 +15,8 @@ from symid.cli.validate_elastic import ElasticCall, find_missed_gate
 from symid.errors import EstimateError, Notice, RobotError
 
 if TYPE_CHECKING:  # these load numpy
+    from symid.estimators.estimate import Validation
     from symid.friction.results import FrictionIdentification
-    from symid.identification.estimate import Validation
     from symid.robot.description import FrictionValues, Robot
 
 __all__ = ["export_friction", "validate_friction_result"]

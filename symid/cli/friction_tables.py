@@ -10,10 +10,10 @@ from symid.cli.output import format_table
 from symid.cli.tables import describe_residual
 
 if TYPE_CHECKING:  # these load numpy
+    from symid.estimators.estimate import ParameterEstimate
     from symid.friction.poses import PoseTest
     from symid.friction.results import FrictionIdentification, JointFriction
     from symid.friction.selection import LawSelection
-    from symid.identification.estimate import ParameterEstimate
 
 __all__ = ["WIDTH", "describe_friction", "show_joint"]
 

@@ -14,7 +14,7 @@ from symid.errors import Notice
 
 if TYPE_CHECKING:  # these load numpy and sympy
     from symid.elastic.estimate import ElasticEstimate
-    from symid.identification.estimate import ParameterEstimate
+    from symid.estimators.estimate import ParameterEstimate
     from symid.parameters.base import BaseParameters
     from symid.parameters.identified_robot import IdentifiedRobot
     from symid.robot.description import Robot

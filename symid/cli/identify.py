@@ -51,7 +51,7 @@ from symid.errors import Notice
 
 if TYPE_CHECKING:  # these load numpy
     from symid.data.recording import Recording
-    from symid.identification.estimate import Estimate
+    from symid.estimators.estimate import Estimate
     from symid.robot.description import Robot
 
 __all__ = ["command"]

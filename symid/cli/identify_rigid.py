@@ -14,7 +14,7 @@ from symid.cli.output import Console
 if TYPE_CHECKING:  # these load numpy
     from symid.codegen.library import Library
     from symid.data.recording import Recording
-    from symid.identification.estimate import Estimate
+    from symid.estimators.estimate import Estimate
     from symid.robot.description import Robot
 
 __all__ = ["check_simulated", "fit_rigid", "show_tracking"]
@@ -54,8 +54,8 @@ def fit_rigid(
         options: of `estimator_options`, "window" and "period".
     """
     from symid.data.runs import find_weights
-    from symid.identification.identifiability import WHOLE_MODEL, RankRule
     from symid.identification.identify import identify_parameters
+    from symid.rows.identifiability import WHOLE_MODEL, RankRule
 
     rule = RankRule(least=0.0 if options["partial"] else WHOLE_MODEL)
     weights, echo = find_weights(recordings), describe_logs(robot, recordings)

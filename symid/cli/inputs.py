@@ -17,8 +17,8 @@ if TYPE_CHECKING:  # these load numpy, which a usage error must not wait for
     from symid.codegen.library import Library
     from symid.data.recording import Recording
     from symid.elastic.estimate import ElasticEstimate
+    from symid.estimators.estimate import Estimate
     from symid.friction.results import FrictionIdentification
-    from symid.identification.estimate import Estimate
     from symid.robot.description import Robot
 
 __all__ = [

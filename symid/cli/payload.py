@@ -23,7 +23,7 @@ from symid.cli.output import Answer, Console, format_table, write_json
 from symid.errors import EstimateError, Notice, UsageError
 
 if TYPE_CHECKING:  # these load numpy and sympy
-    from symid.identification.estimate import ParameterEstimate
+    from symid.estimators.estimate import ParameterEstimate
     from symid.parameters.base import BaseParameters
     from symid.parameters.payload import Payload
     from symid.parameters.payload_changes import Change

@@ -24,8 +24,8 @@ from symid.errors import Notice, UsageError
 if TYPE_CHECKING:  # these load numpy
     from symid.codegen.library import Library
     from symid.data.recording import Recording
+    from symid.estimators.estimate import Estimate, Validation
     from symid.identification.diagnosis import Diagnosis
-    from symid.identification.estimate import Estimate, Validation
     from symid.robot.description import Robot
 
 __all__ = ["command"]

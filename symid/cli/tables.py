@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from symid.cli.output import format_table
 
 if TYPE_CHECKING:  # these load numpy
-    from symid.identification.estimate import Estimate, Residual, Validation
-    from symid.identification.metric import BandResidual
+    from symid.estimators.estimate import Estimate, Residual, Validation
+    from symid.residuals.metric import BandResidual
 
 __all__ = [
     "describe_band",

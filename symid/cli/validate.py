@@ -17,8 +17,8 @@ from symid.errors import Notice, UsageError
 if TYPE_CHECKING:  # these load numpy
     from symid.codegen.library import Library
     from symid.data.recording import Recording
-    from symid.identification.estimate import Estimate
-    from symid.identification.metric import BandResidual
+    from symid.estimators.estimate import Estimate
+    from symid.residuals.metric import BandResidual
     from symid.robot.description import Robot
     from symid.robot.log_map import Processing
 
@@ -176,7 +176,7 @@ def _read_one(path: Path, robot: "Robot") -> "Recording":
 def _compare_band(
     estimate: "Estimate", library: "Library", recording: "Recording", processing: "Processing", band: float
 ) -> "BandResidual":
-    from symid.identification.metric import find_band_residual, predict_torques
+    from symid.residuals.metric import find_band_residual, predict_torques
 
     names = tuple(entry.name for entry in (*library.card.beta, *library.card.friction))
     values = estimate.assemble(names)

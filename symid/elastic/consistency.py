@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen.functions import ModelCard
-from symid.identification.identifiability import RankRule
+from symid.rows.identifiability import RankRule
 
 __all__ = ["find_lower_bounds", "solve_consistent"]
 

@@ -16,7 +16,7 @@ from symid.arrays import FloatArray
 from symid.codegen.library import Library
 from symid.data.filters import differentiate
 from symid.elastic.signals import ElasticSignals
-from symid.identification.identifiability import RankRule, ScaledSpectrum, find_spectrum
+from symid.rows.identifiability import RankRule, ScaledSpectrum, find_spectrum
 
 __all__ = ["find_bound", "find_clustered_covariance", "find_covariance", "find_told", "mark_untold"]
 

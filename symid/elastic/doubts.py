@@ -19,10 +19,10 @@ from symid.elastic.fit import ElasticFit, ElasticOutcome
 from symid.elastic.methods import ENERGY_METHODS, ElasticWork, find_relative_deviations
 from symid.elastic.signals import ElasticSignals, find_positions, find_settled
 from symid.errors import IdentifiabilityError, LogError, Notice, UsageError
-from symid.identification.doubts import warn_of_mass_matrix
-from symid.identification.rows import warn_of_energy
 from symid.joint.plays import find_hysteresis_torque
+from symid.residuals.doubts import warn_of_mass_matrix
 from symid.robot.elasticity import Elasticity
+from symid.rows.rows import warn_of_energy
 
 __all__ = ["check_recordings", "find_unknown", "list_cards", "warn_of_condition", "warn_of_fit"]
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from symid.elastic.fit import ElasticFit, ElasticOutcome, HistoryEntry
 from symid.errors import Notice
-from symid.identification.estimate import ParameterEstimate, Residual
+from symid.estimators.estimate import ParameterEstimate, Residual
 from symid.joint.friction import FRICTION_MODELS
 from symid.robot.elasticity import Elasticity
 

@@ -28,8 +28,8 @@ from symid.elastic.options import ElasticOptions
 from symid.elastic.residuals import find_energy_residual, find_torque_residuals, judge_springs, list_springs
 from symid.elastic.selection import choose_fit, fit_candidates
 from symid.errors import Notice
-from symid.identification.estimate import ParameterEstimate
-from symid.identification.identifiability import RankRule, find_spectrum
+from symid.estimators.estimate import ParameterEstimate
+from symid.rows.identifiability import RankRule, find_spectrum
 
 __all__ = ["identify_elastic"]
 

@@ -21,7 +21,7 @@ from symid.elastic.hysteresis import fit_springs
 from symid.elastic.problem import ElasticProblem, build_fit
 from symid.elastic.signals import ElasticSignals
 from symid.elastic.spring_weights import build_elasticity
-from symid.identification.quadrature import Windows, find_windows, integrate_windows
+from symid.rows.quadrature import Windows, find_windows, integrate_windows
 
 __all__ = ["build_momentum_rows", "fit_momentum"]
 

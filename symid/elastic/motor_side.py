@@ -17,7 +17,7 @@ import numpy as np
 
 from symid.data.recording import Recording
 from symid.errors import LogError, Notice
-from symid.identification.estimate import Estimate, Outcome, ParameterEstimate
+from symid.estimators.estimate import Estimate, Outcome, ParameterEstimate
 from symid.robot.description import Robot
 
 __all__ = [

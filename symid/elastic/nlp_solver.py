@@ -25,7 +25,7 @@ from symid.elastic.fit import ElasticOutcome
 from symid.elastic.nlp_cost import CostState, NlpCost
 from symid.elastic.nlp_options import NlpOptions
 from symid.elastic.nlp_status import LINEAR_SOLVER, find_outcome
-from symid.identification.ipopt_functions import build_ipopt_functions
+from symid.estimators.ipopt_functions import build_ipopt_functions
 
 __all__ = ["ActiveBound", "Certificate", "NlpRun", "find_certificate", "find_scales", "optimise_nlp"]
 

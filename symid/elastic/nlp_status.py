@@ -2,12 +2,12 @@
 
 Ipopt's return status and linear solver -> ElasticOutcome and a reason.
 
-Supported: the statuses of `symid.identification.ipopt_status`.
+Supported: the statuses of `symid.estimators.ipopt_status`.
 Not supported: other solvers; an unknown status is a failure that names it.
 """
 
 from symid.elastic.fit import ElasticOutcome
-from symid.identification.ipopt_status import find_ipopt_ending
+from symid.estimators.ipopt_status import find_ipopt_ending
 
 __all__ = ["LINEAR_SOLVER", "find_outcome"]
 

@@ -19,7 +19,7 @@ from symid.elastic.fit import ElasticFit
 from symid.elastic.methods import ElasticWork, find_spring_torque
 from symid.elastic.windows import find_window_work
 from symid.errors import IdentifiabilityError, Notice
-from symid.identification.estimate import Residual
+from symid.estimators.estimate import Residual
 from symid.joint.plays import find_hysteresis_torque
 from symid.robot.elasticity import Elasticity
 

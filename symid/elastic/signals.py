@@ -23,7 +23,7 @@ from symid.data.recording import Recording
 from symid.data.signals import describe_uneven
 from symid.elastic.options import ElasticOptions, check_grids
 from symid.errors import LogError, Notice
-from symid.identification.identifiability import find_resting_joints
+from symid.rows.identifiability import find_resting_joints
 
 __all__ = ["ElasticSignals", "find_cutoff", "find_positions", "find_settled", "prepare_elastic_signals"]
 

@@ -17,7 +17,7 @@ from symid.codegen.functions import ModelCard
 from symid.elastic.estimate import ElasticEstimate, MethodTrial, SpringEstimate
 from symid.elastic.fit import ElasticOutcome, HistoryEntry
 from symid.errors import EstimateError, Notice, RobotError
-from symid.identification.estimate import ParameterEstimate, Residual
+from symid.estimators.estimate import ParameterEstimate, Residual
 from symid.identification.storage import write_file
 from symid.robot.elasticity import Elasticity, Knee, Stop
 

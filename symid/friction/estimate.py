@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from symid.errors import Notice
-from symid.identification.estimate import ParameterEstimate
+from symid.estimators.estimate import ParameterEstimate
 
 __all__ = ["FrictionEstimate", "FrictionOutcome"]
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from symid.arrays import FloatArray
 from symid.errors import Notice, SolverError, UsageError
+from symid.estimators.estimate import ParameterEstimate
 from symid.friction.covariance import Uncertainty, find_design, find_uncertainty
 from symid.friction.criteria import find_aicc, find_bic
 from symid.friction.doubts import find_active, find_notices, find_refusals
@@ -23,7 +24,6 @@ from symid.friction.options import FrictionOptions
 from symid.friction.problem import FrictionProblem, build_problem
 from symid.friction.samples import FrictionSamples
 from symid.friction.search import FrictionSearch
-from symid.identification.estimate import ParameterEstimate
 from symid.joint.friction_law import FrictionLaw, find_torque
 
 __all__ = ["ESTIMATORS", "STOCHASTIC", "check_estimator", "fit_friction", "search_friction"]

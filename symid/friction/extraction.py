@@ -34,8 +34,8 @@ from symid.friction.rigid_part import (
     warn_of_many,
 )
 from symid.friction.samples import FrictionSamples
-from symid.identification.identifiability import find_resting_joints, settle_joints
 from symid.robot.log_map import Processing
+from symid.rows.identifiability import find_resting_joints, settle_joints
 
 __all__ = ["ExtractedJoint", "JointLogs", "extract_joint", "prepare_joint_logs"]
 

@@ -20,6 +20,7 @@ from symid.codegen.library import Library
 from symid.data.cuts import cut_ends
 from symid.data.recording import Recording
 from symid.errors import IdentifiabilityError, Notice, UsageError
+from symid.estimators.estimate import Residual
 from symid.friction.estimate import FrictionEstimate
 from symid.friction.estimators import STOCHASTIC, check_estimator, fit_friction
 from symid.friction.extraction import ExtractedJoint, JointLogs, extract_joint, prepare_joint_logs
@@ -32,7 +33,6 @@ from symid.friction.reduction import find_rows
 from symid.friction.results import FrictionIdentification, JointFriction
 from symid.friction.samples import FrictionSamples
 from symid.friction.selection import CANDIDATES, LawSelection, predict_rows, select_law
-from symid.identification.estimate import Residual
 from symid.joint.friction_law import FrictionLaw, find_columns
 from symid.joint.friction_laws import get_law
 from symid.robot.log_map import Processing

@@ -17,14 +17,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from symid.arrays import FloatArray
+from symid.estimators.ipopt_functions import build_ipopt_functions
+from symid.estimators.ipopt_status import find_ipopt_ending
 from symid.friction.estimate import FrictionOutcome
 from symid.friction.nlp_cost import NlpCost
 from symid.friction.options import FrictionNlpOptions
 from symid.friction.problem import FrictionProblem
 from symid.friction.projection import Projector
 from symid.friction.search import FrictionSearch
-from symid.identification.ipopt_functions import build_ipopt_functions
-from symid.identification.ipopt_status import find_ipopt_ending
 
 __all__ = ["search_by_nlp"]
 

@@ -20,10 +20,10 @@ import numpy as np
 
 from symid.arrays import FloatArray
 from symid.errors import Notice, UsageError
+from symid.estimators.estimate import ParameterEstimate
 from symid.friction.estimate import FrictionOutcome
 from symid.friction.presliding_problem import LINEAR_PARAMETERS, PreslidingProblem, build_presliding_problem
 from symid.friction.samples import FrictionSamples
-from symid.identification.estimate import ParameterEstimate
 from symid.joint.friction_dynamic import DynamicLaw, find_bristle_rate
 from symid.joint.friction_dynamic_run import find_dynamic_run
 from symid.joint.friction_law import build_numpy_carrier

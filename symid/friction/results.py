@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Union, cast, get_args, get_origin, get_type_hi
 import numpy as np
 
 from symid.errors import EstimateError, Notice, UsageError
+from symid.estimators.estimate import Residual
 from symid.friction.estimate import FrictionEstimate
 from symid.friction.map import VelocityMap
 from symid.friction.poses import PoseTest
 from symid.friction.selection import LawSelection
-from symid.identification.estimate import Residual
 from symid.identification.storage import write_file
 from symid.joint.friction_laws import get_law
 

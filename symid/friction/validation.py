@@ -23,13 +23,13 @@ from symid.codegen.functions import ModelCard
 from symid.codegen.library import Library
 from symid.data.recording import Recording, Signals
 from symid.errors import EstimateError, IdentifiabilityError, Notice
+from symid.estimators.estimate import Residual, Series, Validation
 from symid.friction.extraction import JointLogs, prepare_joint_logs
 from symid.friction.reduction import FrictionRows, build_reduction, find_rows, select_friction_rows
 from symid.friction.results import FrictionIdentification, JointFriction
 from symid.friction.rigid_part import RigidColumns, find_independent, find_rigid_columns
 from symid.friction.samples import FrictionSamples
 from symid.friction.selection import predict_rows
-from symid.identification.estimate import Residual, Series, Validation
 from symid.identification.validate import find_digest
 from symid.joint.friction_law import FrictionLaw
 from symid.joint.friction_laws import get_law

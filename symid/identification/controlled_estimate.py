@@ -22,6 +22,8 @@ from symid.codegen.functions import ParameterCard
 from symid.codegen.library import Library
 from symid.data.recording import Recording
 from symid.errors import Notice, UsageError
+from symid.estimators.estimate import Estimate, Outcome, ParameterEstimate
+from symid.estimators.statistics import find_residuals
 from symid.identification.controlled_report import (
     describe_controller,
     describe_tracking,
@@ -29,16 +31,14 @@ from symid.identification.controlled_report import (
     warn_of_tracking,
 )
 from symid.identification.controlled_runs import ControlledFit
-from symid.identification.cutoff import choose_filters
-from symid.identification.doubts import warn_of_pattern, warn_of_vague
-from symid.identification.estimate import Estimate, Outcome, ParameterEstimate
-from symid.identification.identifiability import JOINT_AT_REST, RankRule
 from symid.identification.identify import identify_parameters
 from symid.identification.servo import ServoLoop, build_loop, find_unusable
-from symid.identification.statistics import find_residuals
+from symid.residuals.doubts import warn_of_pattern, warn_of_vague
 from symid.robot.controller import Controller
 from symid.robot.description import Robot
 from symid.robot.log_map import Processing
+from symid.rows.cutoff import choose_filters
+from symid.rows.identifiability import JOINT_AT_REST, RankRule
 
 __all__ = ["Way", "check_controlled", "identify_controlled"]
 

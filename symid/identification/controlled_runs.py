@@ -23,12 +23,12 @@ from symid.codegen.library import Library
 from symid.data.recording import Recording
 from symid.data.signals import decimate_columns
 from symid.errors import Notice, SolverError, SymidError, UsageError
-from symid.identification.identifiability import Identifiability
-from symid.identification.instrumental import InstrumentalSolution
-from symid.identification.regression import Fit
-from symid.identification.rows import Rows
+from symid.estimators.instrumental import InstrumentalSolution
+from symid.estimators.regression import Fit
 from symid.identification.servo import ServoLoop, ServoRun, simulate_servo
 from symid.robot.log_map import Processing
+from symid.rows.identifiability import Identifiability
+from symid.rows.rows import Rows
 
 __all__ = [
     "ControlledFit",

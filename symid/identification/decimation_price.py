@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.data.recording import Recording
-from symid.identification.identifiability import Identifiability
 from symid.identification.long_fit import find_long_covariance
-from symid.identification.long_rows import LongRows, RowMaker, condense_recordings
 from symid.robot.log_map import Decimation
+from symid.rows.identifiability import Identifiability
+from symid.rows.long_rows import LongRows, RowMaker, condense_recordings
 
 __all__ = ["DecimationPrice", "find_decimation_price"]
 

@@ -21,26 +21,26 @@ from symid.arrays import FloatArray
 from symid.codegen.library import Library
 from symid.data.recording import Recording
 from symid.errors import Notice, UsageError
-from symid.identification.bootstrap import Bootstrap, find_bootstrap
-from symid.identification.correlation import Ellipse, find_ellipse, list_correlated
+from symid.estimators.estimate import Estimate
+from symid.estimators.estimators import fit_rows
+from symid.estimators.regression import Fit, find_group_weights, fit_weighted
 from symid.identification.decimation_price import DecimationPrice, find_decimation_price
-from symid.identification.drift import Drift, find_drift, find_mean_weights
-from symid.identification.essential import Essential, find_essential
-from symid.identification.estimate import Estimate
-from symid.identification.estimators import fit_rows
 from symid.identification.fitted_processing import (
     find_overlap,
     find_run_weights,
     find_window,
     settle_as_fitted,
 )
-from symid.identification.identifiability import Identifiability, find_identifiability, find_spectrum
-from symid.identification.long_rows import RowMaker
-from symid.identification.regression import Fit, find_group_weights, fit_weighted
-from symid.identification.rows import Rows, stack_rows
-from symid.identification.structure import Finding, JointProfiles, find_profiles, find_structure
 from symid.identification.validate import check_model
+from symid.residuals.bootstrap import Bootstrap, find_bootstrap
+from symid.residuals.correlation import Ellipse, find_ellipse, list_correlated
+from symid.residuals.drift import Drift, find_drift, find_mean_weights
+from symid.residuals.essential import Essential, find_essential
+from symid.residuals.structure import Finding, JointProfiles, find_profiles, find_structure
 from symid.robot.log_map import Processing
+from symid.rows.identifiability import Identifiability, find_identifiability, find_spectrum
+from symid.rows.long_rows import RowMaker
+from symid.rows.rows import Rows, stack_rows
 
 __all__ = ["Diagnosis", "Price", "diagnose_estimate", "rebuild_fit"]
 

@@ -21,9 +21,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from symid.arrays import FloatArray
-from symid.identification.instrumental import InstrumentalSolution
-from symid.identification.regression import Fit, fit_weighted
-from symid.identification.rows import Rows
+from symid.estimators.instrumental import InstrumentalSolution
+from symid.estimators.regression import Fit, fit_weighted
+from symid.rows.rows import Rows
 
 __all__ = ["Exogeneity", "find_exogeneity"]
 

@@ -17,10 +17,10 @@ from typing import Any, TypeGuard
 
 from symid.data.recording import Recording
 from symid.errors import EstimateError, Notice
-from symid.identification.cutoff import choose_filters
-from symid.identification.estimate import CHOSEN, Estimate, SettledProcessing
-from symid.identification.rows import WINDOW, find_pieces
+from symid.estimators.estimate import CHOSEN, Estimate, SettledProcessing
 from symid.robot.log_map import Decimation, Processing
+from symid.rows.cutoff import choose_filters
+from symid.rows.rows import WINDOW, find_pieces
 
 __all__ = [
     "describe_processing",

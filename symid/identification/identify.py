@@ -19,26 +19,27 @@ from symid.codegen.functions import ModelCard, ParameterCard
 from symid.codegen.library import Library
 from symid.data.recording import Recording
 from symid.errors import Notice, UsageError
-from symid.identification.cutoff import choose_filters, choose_window
-from symid.identification.doubts import (
+from symid.estimators.estimate import Estimate, Outcome, ParameterEstimate
+from symid.estimators.estimators import ESTIMATORS, EstimatorOptions, fit_rows
+from symid.estimators.regression import Fit
+from symid.estimators.statistics import find_residuals
+from symid.identification.fitted_processing import describe_processing
+from symid.identification.long_fit import FittedRows, fit_long, is_long
+from symid.residuals.doubts import (
     warn_of_mass_matrix,
     warn_of_pattern,
     warn_of_processing,
     warn_of_vague,
 )
-from symid.identification.drift import warn_of_drift
-from symid.identification.estimate import Estimate, Outcome, ParameterEstimate
-from symid.identification.estimators import ESTIMATORS, EstimatorOptions, fit_rows
-from symid.identification.fitted_processing import describe_processing
-from symid.identification.identifiability import Identifiability, RankRule, find_identifiability
-from symid.identification.long_fit import FittedRows, fit_long, is_long
-from symid.identification.long_rows import RowMaker
-from symid.identification.regression import Fit
-from symid.identification.rows import ROW_KINDS, Rows, stack_rows
-from symid.identification.statistics import find_residuals
-from symid.identification.sticking import warn_of_sticking
-from symid.identification.structure import warn_of_structure
+from symid.residuals.drift import warn_of_drift
+from symid.residuals.moving_ends import warn_of_moving_ends
+from symid.residuals.sticking import warn_of_sticking
+from symid.residuals.structure import warn_of_structure
 from symid.robot.log_map import Processing
+from symid.rows.cutoff import choose_filters, choose_window
+from symid.rows.identifiability import Identifiability, RankRule, find_identifiability
+from symid.rows.long_rows import RowMaker
+from symid.rows.rows import ROW_KINDS, Rows, stack_rows
 
 __all__ = ["LARGEST", "identify_parameters"]
 
@@ -166,6 +167,7 @@ def _find_doubts(
         structure = warn_of_structure(values, library, recordings, maker.processing, weights)
     return (
         *warn_of_processing(maker.processing, recordings),
+        *warn_of_moving_ends(maker.processing, recordings),
         *found.pattern,
         *structure,
         *warn_of_sticking(found.rows, found.fit, library),

@@ -10,16 +10,16 @@ from collections.abc import Callable, Mapping, Sequence
 from symid.codegen.library import Library
 from symid.data.recording import Recording
 from symid.errors import Notice
+from symid.estimators.estimate import Estimate
 from symid.identification.controlled_estimate import Way, identify_controlled
 from symid.identification.controlled_runs import ControlledFit
-from symid.identification.doubts import warn_of_processing
-from symid.identification.estimate import Estimate
 from symid.identification.exogeneity import Exogeneity, find_exogeneity
-from symid.identification.identifiability import JOINT_AT_REST, RankRule
 from symid.identification.instrumental_fit import find_start, fit_instrumental
 from symid.identification.servo import ServoLoop
+from symid.residuals.doubts import warn_of_processing
 from symid.robot.description import Robot
 from symid.robot.log_map import Processing
+from symid.rows.identifiability import JOINT_AT_REST, RankRule
 
 __all__ = ["INSTRUMENTAL", "identify_instrumental"]
 

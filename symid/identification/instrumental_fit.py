@@ -31,6 +31,7 @@ from symid.codegen.library import Library
 from symid.data.recording import Recording
 from symid.data.signals import prepare_signals, settle_processing
 from symid.errors import IdentifiabilityError
+from symid.estimators.instrumental import fit_instruments
 from symid.identification.controlled_runs import (
     ControlledFit,
     ControlledScene,
@@ -39,12 +40,11 @@ from symid.identification.controlled_runs import (
     fit_controlled,
     is_settled,
 )
-from symid.identification.identifiability import RankRule, find_resting_joints, settle_joints
-from symid.identification.instrumental import fit_instruments
-from symid.identification.preparation import prepare_rows
-from symid.identification.rows import WINDOW, Rows, build_rows, select_rows, stack_rows
 from symid.identification.servo import ServoLoop, ServoRun
 from symid.robot.log_map import Processing
+from symid.rows.identifiability import RankRule, find_resting_joints, settle_joints
+from symid.rows.preparation import prepare_rows
+from symid.rows.rows import WINDOW, Rows, build_rows, select_rows, stack_rows
 
 __all__ = ["find_start", "fit_instrumental"]
 

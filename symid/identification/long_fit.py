@@ -18,25 +18,25 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.data.recording import Recording
 from symid.errors import IdentifiabilityError, Notice
-from symid.identification.condensation import (
+from symid.estimators.condensed_fit import find_weights
+from symid.estimators.regression import Fit
+from symid.residuals.doubts import find_block_deviations, warn_of_pattern
+from symid.residuals.drift import LogFit, warn_of_drift
+from symid.rows.condensation import (
     Condensed,
     CondensedSolution,
     find_square_sums,
     solve_condensed,
 )
-from symid.identification.condensed_fit import find_weights
-from symid.identification.doubts import find_block_deviations, warn_of_pattern
-from symid.identification.drift import LogFit, warn_of_drift
-from symid.identification.identifiability import Identifiability, RankRule, check_share, judge_condensed
-from symid.identification.long_rows import (
+from symid.rows.identifiability import Identifiability, RankRule, check_share, judge_condensed
+from symid.rows.long_rows import (
     LONG_KINDS,
     LongRows,
     RowMaker,
     condense_recordings,
     predict_rows,
 )
-from symid.identification.regression import Fit
-from symid.identification.rows import Rows
+from symid.rows.rows import Rows
 
 __all__ = ["LONG_ESTIMATORS", "FittedRows", "find_long_covariance", "fit_long", "fit_run", "is_long"]
 

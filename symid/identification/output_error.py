@@ -25,6 +25,7 @@ from symid.codegen.library import Library
 from symid.data.recording import Recording, Signals
 from symid.data.signals import decimate_columns, settle_processing
 from symid.errors import IdentifiabilityError, Notice
+from symid.estimators.estimators import EstimatorOptions, fit_rows
 from symid.identification.controlled_runs import (
     ControlledFit,
     ControlledScene,
@@ -32,16 +33,15 @@ from symid.identification.controlled_runs import (
     find_compared,
     fit_controlled,
 )
-from symid.identification.estimators import EstimatorOptions, fit_rows
-from symid.identification.identifiability import (
+from symid.identification.servo import ServoLoop, ServoRun
+from symid.robot.log_map import Processing
+from symid.rows.identifiability import (
     Identifiability,
     RankRule,
     find_identifiability,
     find_resting_joints,
 )
-from symid.identification.rows import Rows, build_rows, drop_groups, stack_rows
-from symid.identification.servo import ServoLoop, ServoRun
-from symid.robot.log_map import Processing
+from symid.rows.rows import Rows, build_rows, drop_groups, stack_rows
 
 __all__ = ["fit_output_error"]
 

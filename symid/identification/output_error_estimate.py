@@ -9,11 +9,11 @@ from collections.abc import Callable, Mapping, Sequence
 
 from symid.codegen.library import Library
 from symid.data.recording import Recording
+from symid.estimators.estimate import Estimate
 from symid.identification.controlled_estimate import Way, identify_controlled
-from symid.identification.estimate import Estimate
-from symid.identification.identifiability import RankRule
 from symid.identification.output_error import fit_output_error
 from symid.robot.description import Robot
+from symid.rows.identifiability import RankRule
 
 __all__ = ["OUTPUT_ERROR", "identify_output_error"]
 

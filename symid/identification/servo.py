@@ -23,9 +23,9 @@ from symid.codegen.library import Library
 from symid.data.filters import differentiate
 from symid.data.recording import Recording, Signals
 from symid.errors import Notice, SolverError, UsageError
-from symid.identification.identifiability import find_resting_joints
 from symid.identification.valued_library import ValuedLibrary, state_values
 from symid.robot.controller import Controller
+from symid.rows.identifiability import find_resting_joints
 from symid.simulation.plant import Plant, PlantState
 
 __all__ = [

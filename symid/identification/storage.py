@@ -16,10 +16,10 @@ from typing import Any
 
 from symid.codegen.functions import ModelCard
 from symid.errors import EstimateError, Notice, OutputError
-from symid.identification.estimate import Estimate, Outcome, ParameterEstimate, Residual
-from symid.identification.rows import ROW_KINDS
+from symid.estimators.estimate import Estimate, Outcome, ParameterEstimate, Residual
 from symid.identification.validate import check_model
 from symid.robot.description import CurvedFriction, FrictionKind
+from symid.rows.rows import ROW_KINDS
 
 __all__ = ["read_estimate", "write_estimate", "write_file"]
 

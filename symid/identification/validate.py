@@ -17,12 +17,12 @@ from symid.codegen.functions import ModelCard
 from symid.codegen.library import Library
 from symid.data.recording import Recording
 from symid.errors import EstimateError, Notice
-from symid.identification.estimate import Estimate, Series, Validation
+from symid.estimators.estimate import Estimate, Series, Validation
+from symid.estimators.statistics import find_residuals
 from symid.identification.fitted_processing import settle_as_fitted
-from symid.identification.preparation import prepare_rows
-from symid.identification.rows import WINDOW, Rows
-from symid.identification.statistics import find_residuals
 from symid.robot.log_map import Processing
+from symid.rows.preparation import prepare_rows
+from symid.rows.rows import WINDOW, Rows
 
 __all__ = ["check_model", "find_digest", "validate_estimate"]
 

@@ -28,7 +28,7 @@ from symid.elastic.fit import ElasticFit
 from symid.elastic.options import ElasticOptions
 from symid.elastic.signals import ElasticSignals, prepare_elastic_signals
 from symid.errors import EstimateError, Notice, UsageError
-from symid.identification.estimate import Residual
+from symid.estimators.estimate import Residual
 from symid.identification.validate import find_digest
 from symid.joint.plays import find_hysteresis_torque
 from symid.robot.elasticity import Elasticity

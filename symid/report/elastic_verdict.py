@@ -15,7 +15,7 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.elastic.estimate import ElasticEstimate
 from symid.elastic.fit import ElasticOutcome
-from symid.identification.estimate import ParameterEstimate
+from symid.estimators.estimate import ParameterEstimate
 from symid.report.elastic_trial import ElasticTrial, JointTrial
 from symid.report.verdict import Verdict, describe_parameters, find_parameter_caps, weigh
 

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from symid import __version__
+from symid.estimators.estimate import ParameterEstimate
 from symid.friction.poses import PoseTest
 from symid.friction.results import FrictionIdentification, JointFriction
 from symid.friction.selection import LawSelection
-from symid.identification.estimate import ParameterEstimate
 from symid.identification.storage import write_file
 from symid.report.figures import build_line_figure
 from symid.report.friction_cloud import build_friction_figure

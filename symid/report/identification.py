@@ -12,8 +12,8 @@ from pathlib import Path
 
 from symid import __version__
 from symid.errors import Notice
+from symid.estimators.estimate import Estimate, Series, Validation
 from symid.identification.diagnosis import Diagnosis
-from symid.identification.estimate import Estimate, Series, Validation
 from symid.identification.storage import write_file
 from symid.report.bars import build_histogram
 from symid.report.figures import build_line_figure

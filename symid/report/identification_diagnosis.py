@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
+from symid.estimators.estimate import Estimate
 from symid.identification.diagnosis import Diagnosis
-from symid.identification.estimate import Estimate
-from symid.identification.structure import JointProfiles, Profile
 from symid.report.figures import build_curve_figure, build_line_figure
 from symid.report.lines import Line
 from symid.report.tables import write_digits
+from symid.residuals.structure import JointProfiles, Profile
 
 __all__ = ["DiagnosisSection", "ProfileFigures", "build_diagnosis"]
 

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from symid.identification.estimate import ParameterEstimate, Residual
+from symid.estimators.estimate import ParameterEstimate, Residual
 
 __all__ = [
     "ParameterLine",

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from math import comb
 from statistics import NormalDist
 
-from symid.identification.estimate import Estimate, ParameterEstimate, Validation
+from symid.estimators.estimate import Estimate, ParameterEstimate, Validation
 
 __all__ = ["LEVELS", "Verdict", "describe_parameters", "find_parameter_caps", "find_verdict", "weigh"]
 

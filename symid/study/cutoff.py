@@ -16,10 +16,10 @@ from dataclasses import dataclass, replace
 from symid.codegen.library import Library
 from symid.data.recording import Recording
 from symid.errors import IdentifiabilityError
-from symid.identification.cutoff import choose_filters, choose_window
 from symid.identification.identify import identify_parameters
-from symid.identification.metric import find_band_residual, predict_torques
+from symid.residuals.metric import find_band_residual, predict_torques
 from symid.robot.log_map import Decimation, Processing
+from symid.rows.cutoff import choose_filters, choose_window
 
 __all__ = ["CUTOFFS", "CutoffLine", "CutoffStudy", "study_cutoff"]
 

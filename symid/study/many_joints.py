@@ -25,8 +25,8 @@ from symid.elastic.problem import ElasticProblem, build_problem
 from symid.elastic.signals import prepare_elastic_signals
 from symid.errors import Notice
 from symid.excitation.trajectories import FourierOptions, build_random_fourier
-from symid.identification.rows import warn_of_energy
 from symid.robot.description import Robot
+from symid.rows.rows import warn_of_energy
 from symid.simulation.elastic_experiment import simulate_elastic
 from symid.simulation.elastic_options import build_clean_options, build_noisy_options
 from symid.study.elastic_errors import find_truth

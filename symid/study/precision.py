@@ -21,11 +21,11 @@ from typing import NamedTuple
 import numpy as np
 
 from symid.arrays import FloatArray
-from symid.identification.condensation import Condensed, condense_rows, find_square_sums, stack_condensed
-from symid.identification.condensed_fit import CondensedFit, fit_condensed
-from symid.identification.consistent import solve_consistent
-from symid.identification.identifiability import find_spectrum
-from symid.identification.quadrature import find_windows, integrate_windows
+from symid.estimators.condensed_fit import CondensedFit, fit_condensed
+from symid.estimators.consistent import solve_consistent
+from symid.rows.condensation import Condensed, condense_rows, find_square_sums, stack_condensed
+from symid.rows.identifiability import find_spectrum
+from symid.rows.quadrature import find_windows, integrate_windows
 from symid.study.executor import run_tasks
 from symid.study.precision_scene import PrecisionScene, build_scene
 

@@ -17,11 +17,11 @@ import numpy as np
 from symid.arrays import FloatArray, freeze
 from symid.codegen.library import Library
 from symid.data.recording import Signals
+from symid.estimators.bodies import Bodies, build_bodies
 from symid.excitation.trajectories import FourierOptions, build_random_fourier
-from symid.identification.bodies import Bodies, build_bodies
-from symid.identification.rows import Rows, build_rows, stack_rows
 from symid.robot.description import Robot
 from symid.robot.log_map import Processing
+from symid.rows.rows import Rows, build_rows, stack_rows
 
 __all__ = ["DURATION", "EXCITATIONS", "NOISE", "PrecisionScene", "build_scene"]
 

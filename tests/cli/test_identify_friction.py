@@ -139,7 +139,8 @@ def test_slow_and_fast_logs_and_poses_of_an_arm(capsys, arm_logs):
 
 def test_known_base_parameters_are_read_from_an_estimate(capsys, arm_logs, tmp_path):
     output = tmp_path / "estimate.json"
-    _, answer = call_json(capsys, "identify", "two_link", *arm_logs, *PLAIN_PROCESSING, "-o", output)
+    arguments = ("identify", "two_link", *arm_logs, *PLAIN_PROCESSING, "--partial", "-o", output)
+    _, answer = call_json(capsys, *arguments)
     assert "friction" in answer["result"]
     arguments = ("identify", "two_link", arm_logs[1], *LAW, "--model", "coulomb-viscous-offset")
     code, answer = call_json(capsys, *arguments, *PLAIN_PROCESSING, "--known", output)

@@ -12,10 +12,10 @@ from symid.elastic.estimate import ElasticEstimate
 from symid.elastic.fit import ElasticOutcome
 from symid.elastic.motor_side import build_rigid_variant
 from symid.elastic.storage import write_elastic_estimate
+from symid.estimators.estimate import ParameterEstimate, Residual
 from symid.formats.settings import list_processing
 from symid.formats.toml import read_robot
 from symid.formats.writer import write_robot
-from symid.identification.estimate import ParameterEstimate, Residual
 from symid.parameters.base import find_base_parameters
 from symid.robot.description import FrictionKind, FrictionValues
 from symid.robot.inertia import find_standard_parameters

@@ -12,7 +12,7 @@ from symid.codegen.cache import prepare_library
 from symid.elastic.estimate import ElasticEstimate, SpringEstimate
 from symid.elastic.fit import ElasticOutcome
 from symid.elastic.storage import write_elastic_estimate
-from symid.identification.estimate import ParameterEstimate, Residual
+from symid.estimators.estimate import ParameterEstimate, Residual
 
 ROBOT = "two_link_elastic"
 

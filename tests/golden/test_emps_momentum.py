@@ -7,7 +7,7 @@ from symid.codegen.cache import prepare_library
 from symid.data.readers import read_recording
 from symid.formats.toml import read_robot
 from symid.identification.identify import identify_parameters
-from symid.identification.metric import find_band_residual, predict_torques
+from symid.residuals.metric import find_band_residual, predict_torques
 
 
 @pytest.mark.parametrize("file", ["DATA_EMPS.mat", "DATA_EMPS_PULSES.mat"])

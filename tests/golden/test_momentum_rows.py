@@ -7,7 +7,7 @@ from symid.codegen.cache import prepare_library
 from symid.data.readers import read_recording
 from symid.formats.toml import read_robot
 from symid.identification.identify import identify_parameters
-from symid.identification.metric import find_band_residual, predict_torques
+from symid.residuals.metric import find_band_residual, predict_torques
 
 LOGS = {
     "emps": ("DATA_EMPS.mat", "DATA_EMPS_PULSES.mat"),
@@ -63,8 +63,8 @@ def test_they_compute_no_acceleration(shared_data, robots_folder):
     robot = read_robot(robots_folder / "kr300.toml")
     recording = read_recording(shared_data / "kr300" / "run_a.npz", robot)
     library = WithoutAcceleration(prepare_library(robot))
-    from symid.identification.cutoff import choose_filters, choose_window
-    from symid.identification.preparation import prepare_rows
+    from symid.rows.cutoff import choose_filters, choose_window
+    from symid.rows.preparation import prepare_rows
 
     processing = choose_filters(robot.processing, [recording]).processing
     window = choose_window("momentum", processing, recording.period)

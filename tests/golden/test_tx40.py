@@ -20,11 +20,11 @@ from symid.codegen.cache import prepare_library
 from symid.data.readers import read_recording
 from symid.formats.toml import read_robot
 from symid.identification.identify import identify_parameters
-from symid.identification.metric import find_band_residual, predict_torques
 from symid.identification.storage import write_estimate
 from symid.parameters.base import find_base_parameters
 from symid.parameters.readings import find_coupled_readings
 from symid.parameters.regrouping import find_change, find_group_row, find_regrouping, read_group
+from symid.residuals.metric import find_band_residual, predict_torques
 
 # The published columns of motor 6 hold what couples joints 5 and 6 only; what it adds to each joint alone is
 # in the parameters of that joint.

@@ -10,18 +10,18 @@ from hypothesis import strategies as st
 from symid.codegen.cache import prepare_library
 from symid.data.readers import read_recording
 from symid.errors import SolverError
+from symid.estimators import consistent, consistent_newton
+from symid.estimators.bodies import build_bodies
+from symid.estimators.consistent import fit_consistent, solve_consistent
+from symid.estimators.consistent_cost import LOOSE, build_cost
+from symid.estimators.estimators import EstimatorOptions
+from symid.estimators.regression import fit_wls
 from symid.formats.toml import read_robot
-from symid.identification import consistent, consistent_newton
-from symid.identification.bodies import build_bodies
-from symid.identification.consistent import fit_consistent, solve_consistent
-from symid.identification.consistent_cost import LOOSE, build_cost
-from symid.identification.estimators import EstimatorOptions
-from symid.identification.identifiability import find_identifiability
 from symid.identification.identify import identify_parameters
-from symid.identification.regression import fit_wls
-from symid.identification.rows import Rows
 from symid.notation import INERTIAL
 from symid.parameters.consistency_prior import FORMS, build_pseudo_inertias
+from symid.rows.identifiability import find_identifiability
+from symid.rows.rows import Rows
 from tests.chains import draw_parameters
 from tests.recovery.cone_programs import solve_closed_cone, solve_with_distance
 

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from symid.errors import UsageError
-from symid.identification.estimators import ESTIMATORS, EstimatorOptions, fit_rows
-from symid.identification.gls import find_noise_covariance, fit_gls, whiten_rows
-from symid.identification.huber import fit_huber
-from symid.identification.identifiability import find_identifiability
+from symid.estimators.estimators import ESTIMATORS, EstimatorOptions, fit_rows
+from symid.estimators.gls import find_noise_covariance, fit_gls, whiten_rows
+from symid.estimators.huber import fit_huber
+from symid.estimators.prior import Prior, build_prior_of_card, build_prior_of_estimate
+from symid.estimators.regression import fit_ols, fit_wls
+from symid.estimators.ridge import fit_ridge
 from symid.identification.identify import identify_parameters
-from symid.identification.prior import Prior, build_prior_of_card, build_prior_of_estimate
-from symid.identification.regression import fit_ols, fit_wls
-from symid.identification.ridge import fit_ridge
-from symid.identification.rows import build_rows, select_rows, stack_rows
 from symid.robot.log_map import Processing
+from symid.rows.identifiability import find_identifiability
+from symid.rows.rows import build_rows, select_rows, stack_rows
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_signals, build_two_link
 
 PLAIN = Processing()

@@ -9,17 +9,17 @@ from symid.codegen.cache import prepare_library
 from symid.data.recording import RunSettings
 from symid.data.runs import find_weights
 from symid.errors import UsageError
+from symid.estimators.regression import fit_wls
 from symid.excitation.trajectories import FourierOptions, build_random_fourier
 from symid.formats.toml import read_robot
-from symid.identification.identifiability import find_identifiability
 from symid.identification.identify import identify_parameters
 from symid.identification.instrumental_estimate import identify_instrumental
 from symid.identification.instrumental_fit import find_start, fit_instrumental
-from symid.identification.preparation import prepare_rows
-from symid.identification.regression import fit_wls
 from symid.identification.servo import build_loop, simulate_servo
 from symid.robot.controller import Controller
 from symid.robot.log_map import Decimation, Processing
+from symid.rows.identifiability import find_identifiability
+from symid.rows.preparation import prepare_rows
 from symid.simulation.experiment import ExperimentOptions, simulate_experiment
 from symid.simulation.sensors import SensorOptions
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from symid.identification.identifiability import find_identifiability
+from symid.estimators.regression import fit_ols, fit_wls
 from symid.identification.identify import identify_parameters
-from symid.identification.regression import fit_ols, fit_wls
-from symid.identification.rows import ROW_KINDS, build_rows, stack_rows
 from symid.robot.log_map import Decimation, Processing
+from symid.rows.identifiability import find_identifiability
+from symid.rows.rows import ROW_KINDS, build_rows, stack_rows
 from tests.recovery.closed_form import (
     ONE_AXIS_TRUTH,
     TWO_LINK_TRUTH,

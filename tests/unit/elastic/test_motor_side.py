@@ -17,9 +17,9 @@ from symid.elastic.motor_side import (
     warn_of_rotors,
 )
 from symid.errors import LogError
+from symid.estimators.estimate import Outcome, ParameterEstimate
 from symid.formats.locate import find_robot_file
 from symid.formats.toml import read_robot
-from symid.identification.estimate import Outcome, ParameterEstimate
 from symid.identification.identify import identify_parameters
 from symid.robot.log_map import LogMap, LogQuantity
 

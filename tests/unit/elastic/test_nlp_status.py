@@ -7,7 +7,7 @@ import casadi
 
 from symid.elastic.fit import ElasticOutcome
 from symid.elastic.nlp_status import LINEAR_SOLVER, find_outcome
-from symid.identification.ipopt_status import IPOPT_STATUSES
+from symid.estimators.ipopt_status import IPOPT_STATUSES
 
 
 def test_the_statuses_are_those_of_the_header_that_comes_with_ipopt():

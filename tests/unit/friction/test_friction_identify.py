@@ -11,6 +11,7 @@ from scipy.stats import ttest_ind
 
 from symid.data.recording import Recording
 from symid.errors import EstimateError, IdentifiabilityError, LogError, UsageError
+from symid.estimators.estimate import ParameterEstimate
 from symid.friction.estimators import fit_friction
 from symid.friction.extraction import extract_joint, prepare_joint_logs
 from symid.friction.identify import FrictionTask, check_inputs, identify_friction, warn_of_inertia
@@ -18,7 +19,6 @@ from symid.friction.patterns import find_robust_deviations
 from symid.friction.poses import find_chance, find_pose_test, find_poses
 from symid.friction.results import is_friction_result, read_friction_result, write_friction_result
 from symid.friction.samples import FrictionSamples
-from symid.identification.estimate import ParameterEstimate
 from symid.joint.friction_law import find_torque
 from symid.joint.friction_laws import get_law
 from symid.robot.log_map import Processing

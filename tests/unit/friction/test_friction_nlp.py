@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from symid.estimators.ipopt_functions import build_ipopt_functions
+from symid.estimators.ipopt_status import IPOPT_STATUSES, find_ipopt_ending
 from symid.friction.estimate import FrictionOutcome
 from symid.friction.nlp import search_by_nlp
 from symid.friction.nlp_cost import NlpCost
 from symid.friction.options import FrictionNlpOptions, FrictionOptions
 from symid.friction.problem import build_problem
 from symid.friction.variable_projection import search_by_projection
-from symid.identification.ipopt_functions import build_ipopt_functions
-from symid.identification.ipopt_status import IPOPT_STATUSES, find_ipopt_ending
 from symid.joint.friction_laws import get_law
 from tests.frictions import build_cosines, draw_s1, draw_s2, draw_samples
 

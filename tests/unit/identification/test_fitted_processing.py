@@ -9,7 +9,6 @@ from symid.data.cuts import cut_recording
 from symid.data.recording import Recording
 from symid.data.signals import settle_processing
 from symid.errors import EstimateError, UsageError
-from symid.identification.cutoff import choose_filters
 from symid.identification.diagnosis import diagnose_estimate
 from symid.identification.fitted_processing import (
     find_overlap,
@@ -20,11 +19,12 @@ from symid.identification.fitted_processing import (
     settle_as_fitted,
 )
 from symid.identification.identify import identify_parameters
-from symid.identification.metric import predict_torques
-from symid.identification.preparation import prepare_rows
-from symid.identification.rows import stack_rows
 from symid.identification.validate import validate_estimate
+from symid.residuals.metric import predict_torques
 from symid.robot.log_map import Decimation, Processing
+from symid.rows.cutoff import choose_filters
+from symid.rows.preparation import prepare_rows
+from symid.rows.rows import stack_rows
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
 
 AUTOMATIC = Processing(automatic=True)

@@ -9,18 +9,18 @@ import pytest
 from symid.data.recording import Recording
 from symid.data.signals import decimate_blocks, decimate_columns
 from symid.errors import IdentifiabilityError
-from symid.identification.doubts import find_block_deviations
-from symid.identification.drift import find_drift, find_mean_weights
-from symid.identification.estimators import fit_rows
-from symid.identification.identifiability import RankRule, find_identifiability
+from symid.estimators.estimators import fit_rows
+from symid.estimators.regression import Fit
 from symid.identification.identify import identify_parameters
 from symid.identification.long_fit import find_long_covariance, fit_long, fit_run, is_long
-from symid.identification.long_rows import RowMaker, condense_recordings
-from symid.identification.preparation import prepare_rows, prepare_states
-from symid.identification.regression import Fit
-from symid.identification.rows import cut_rows, stack_rows
-from symid.identification.structure import find_structure
+from symid.residuals.doubts import find_block_deviations
+from symid.residuals.drift import find_drift, find_mean_weights
+from symid.residuals.structure import find_structure
 from symid.robot.log_map import Decimation, Processing
+from symid.rows.identifiability import RankRule, find_identifiability
+from symid.rows.long_rows import RowMaker, condense_recordings
+from symid.rows.preparation import prepare_rows, prepare_states
+from symid.rows.rows import cut_rows, stack_rows
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
 
 LIBRARY = build_two_link()

@@ -10,7 +10,7 @@ from symid.elastic.estimate import ElasticEstimate, MethodTrial, SpringEstimate
 from symid.elastic.fit import ElasticOutcome, HistoryEntry
 from symid.elastic.tracking import TrackingRun
 from symid.errors import Notice
-from symid.identification.estimate import ParameterEstimate, Residual
+from symid.estimators.estimate import ParameterEstimate, Residual
 from symid.joint.plays import find_hysteresis_torque
 from symid.report.comparison import Comparison, MethodScore, build_comparison
 from symid.report.elastic import ElasticExtras, ElasticPage, build_elastic_report, write_elastic_report

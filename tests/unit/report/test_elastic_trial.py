@@ -9,7 +9,7 @@ from symid.elastic.estimate import ElasticEstimate, SpringEstimate
 from symid.elastic.fit import ElasticFit, ElasticOutcome
 from symid.elastic.options import ElasticOptions
 from symid.errors import EstimateError, LogError
-from symid.identification.estimate import ParameterEstimate, Residual
+from symid.estimators.estimate import ParameterEstimate, Residual
 from symid.identification.validate import find_digest
 from symid.report.elastic_trial import predict_trial, try_estimate
 from symid.robot.elasticity import Elasticity

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from symid.estimators.regression import fit_wls
 from symid.formats.toml import read_robot
-from symid.identification.identifiability import find_identifiability
-from symid.identification.regression import fit_wls
+from symid.rows.identifiability import find_identifiability
 from symid.study import precision
 from symid.study.precision import study_precision
 

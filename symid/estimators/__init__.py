@@ -1,0 +1,1 @@
+"""Estimators: how equations become parameters, with their deviations."""

@@ -1,0 +1,1 @@
+"""Logs looked at with the dynamics of the robot, before anything is identified."""

@@ -1,0 +1,1 @@
+"""Residuals: what a fit leaves, and what speaks against it."""

@@ -1,0 +1,228 @@
+"""Equations of logs that are too long for memory: all but their matrix, which is condensed as it is made.
+
+Input: a library, recordings, processing. Output: `LongRows`.
+
+    outline     values, times, velocities, weights of all equations, as `rows` has them
+    segments    stretches of time of one joint in one run: the triangle of [A y], see `condensation`
+
+What a fit, its deviations and its doubts ask of the matrix, triangles of segments have; residuals take
+another pass. Segments begin wherever a block of `find_block_deviations` begins, in a fit to all runs or to
+one of them.
+
+Supported: torque and momentum rows; 100 equations or more of every joint in every run it moves in.
+Not supported: power and energy rows, whose covariance asks for every row.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symid.arrays import FloatArray
+from symid.codegen.library import Library
+from symid.data.recording import Recording
+from symid.data.signals import decimate_columns
+from symid.robot.log_map import Processing
+from symid.rows.condensation import BLOCK, Condensed, extend_triangle
+from symid.rows.preparation import prepare_outline, prepare_rows, prepare_states
+from symid.rows.row_parts import evaluate_columns
+from symid.rows.rows import Rows, cut_rows, stack_rows
+
+__all__ = ["LONG_KINDS", "LongRows", "RowMaker", "condense_recordings", "predict_rows"]
+
+LONG_KINDS = ("torque", "momentum")
+_BLOCKS = 100
+"""Blocks of a joint's equations, as many as `find_block_deviations` has."""
+
+
+class RowMaker(NamedTuple):
+    """How recordings become equations; `window` in s and `overlap` are of momentum rows."""
+
+    kind: str
+    library: Library
+    processing: Processing
+    window: float
+    overlap: float
+
+    def prepare(self, recording: Recording) -> Rows:
+        """Return the equations of a recording."""
+        return prepare_rows(
+            self.kind, self.library, recording, self.processing, window=self.window, overlap=self.overlap
+        )
+
+    def outline(self, recording: Recording) -> Rows:
+        """Return the equations of a recording without their matrix."""
+        return prepare_outline(
+            self.kind, self.library, recording, self.processing, window=self.window, overlap=self.overlap
+        )
+
+    def cut(self, recording: Recording) -> Iterator[tuple[slice, FloatArray]]:
+        """Yield the matrix (k, n, p) of a recording's equations by stretches of time, and their places."""
+        signals = prepare_states(self.library, recording, self.processing)
+        return cut_rows(
+            self.kind, self.library, signals, self.processing, window=self.window, overlap=self.overlap
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LongRows:
+    """Equations without their matrix.
+
+    Args:
+        outline: all of the equations but the matrix, in place of which stand their places in time (m, 1).
+        triangles: (s, p + 1, p + 1) of [A y] of every segment, not weighed.
+        starts: (s + 1,) first equation of every segment, and how many there are.
+    """
+
+    outline: Rows
+    triangles: FloatArray
+    starts: NDArray[np.intp]
+
+    def condense(self, run: int | None = None) -> Condensed:
+        """Return the condensed equations of all runs, weighed; or those of one run, not weighed."""
+        groups, size = len(self.outline.group_names), self.triangles.shape[1]
+        factors, counts = np.zeros((groups, size, size)), np.zeros(groups, dtype=np.intp)
+        for group in range(groups):
+            chosen = np.flatnonzero(self._choose(run) & (self.outline.group[self.starts[:-1]] == group))
+            factors[group] = self._join(chosen, weighed=run is None)
+            counts[group] = np.diff(self.starts)[chosen].sum()
+        return Condensed(factors=factors, counts=counts, independent=self.outline.independent)
+
+    def sketch(self, run: int | None = None) -> Rows:
+        """Return p + 1 equations for each of 100 blocks of time of every joint, with the block's squares.
+
+        A'A and A'y of every block are those of its equations, so `find_block_deviations` gives the same.
+        """
+        outline, size = self.outline, self.triangles.shape[1]
+        parts, groups = [], []
+        for group in np.unique(outline.group):
+            members = (
+                outline.group == group if run is None else (outline.group == group) & (outline.run == run)
+            )
+            for block in np.array_split(np.flatnonzero(members), _BLOCKS) if members.any() else ():
+                inside = (self.starts[:-1] >= block[0]) & (self.starts[:-1] <= block[-1])
+                parts.append(self._join(np.flatnonzero(inside & self._choose(run)), weighed=run is None))
+                groups.append(group)
+        table, count = np.vstack(parts), len(parts) * size
+        return replace(
+            outline,
+            matrix=table[:, :-1],
+            values=table[:, -1],
+            group=np.repeat(groups, size),
+            time=np.zeros(count),
+            velocity=np.zeros(count),
+            run=np.zeros(count, dtype=np.intp),
+            weight=np.ones(count),
+        )
+
+    def _choose(self, run: int | None) -> NDArray[np.bool_]:
+        runs = self.outline.run[self.starts[:-1]]
+        return np.ones(len(runs), dtype=bool) if run is None else runs == run
+
+    def _join(self, chosen: NDArray[np.intp], *, weighed: bool) -> FloatArray:
+        size = self.triangles.shape[1]
+        roots = np.sqrt(self.outline.weight[self.starts[chosen]]) if weighed else np.ones(len(chosen))
+        stacked = (self.triangles[chosen] * roots[:, None, None]).reshape(-1, size)
+        blocks = (stacked[start : start + BLOCK] for start in range(0, len(stacked), BLOCK))
+        return extend_triangle(np.zeros((0, size)), blocks)
+
+
+def condense_recordings(
+    maker: RowMaker, recordings: Sequence[Recording], weights: Sequence[float] | None
+) -> LongRows | None:
+    """Return the equations of recordings, condensed; None where a joint has too few of them for blocks.
+
+    Args:
+        maker: of equations.
+        recordings: all of one robot.
+        weights: what the squares of each recording's residuals count for; one if None.
+
+    Raises:
+        LogError, IdentifiabilityError, UsageError: as for `prepare_rows`.
+    """
+    outline = stack_rows([maker.outline(entry) for entry in recordings], weights)
+    starts = _find_starts(outline)
+    if starts is None:
+        return None
+    size = len(outline.names) + 1
+    triangles = np.zeros((len(starts) - 1, size, size))
+    for run, recording in enumerate(recordings):
+        for places, matrix in _list_blocks(maker, recording, outline, run):
+            _extend(triangles, starts, places, np.column_stack([matrix, outline.values[places]]))
+    return LongRows(outline=outline, triangles=triangles, starts=starts)
+
+
+def _find_starts(outline: Rows) -> NDArray[np.intp] | None:
+    """Return where segments begin, and the end; None where a joint has too few equations in a run."""
+    starts: set[int] = {len(outline.values)}
+    runs = int(outline.run.max(initial=0)) + 1
+    for group in np.unique(outline.group):
+        whole = outline.group == group
+        own = [whole & (outline.run == run) for run in range(runs)]
+        for members in (np.flatnonzero(mask) for mask in (whole, *own) if mask.any()):
+            if len(members) < _BLOCKS:
+                return None
+            starts |= {int(block[0]) for block in np.array_split(members, _BLOCKS)}
+    return np.array(sorted(starts), dtype=np.intp)
+
+
+def _list_blocks(
+    maker: RowMaker, recording: Recording, outline: Rows, run: int
+) -> Iterator[tuple[NDArray[np.intp], FloatArray]]:
+    """Yield matrices (k, p) of neighbouring equations of a joint, and their places in the outline."""
+    own = [
+        np.flatnonzero((outline.run == run) & (outline.group == joint))
+        for joint in range(maker.library.card.size)
+    ]
+    times = [outline.matrix[places, 0].astype(np.intp) for places in own]
+    for part, matrix in maker.cut(recording):
+        for joint, (places, time) in enumerate(zip(own, times, strict=True)):
+            low, high = np.searchsorted(time, [part.start, part.stop])
+            if high > low:
+                yield places[low:high], matrix[time[low:high] - part.start, joint]
+
+
+def _extend(
+    triangles: FloatArray, starts: NDArray[np.intp], places: NDArray[np.intp], table: FloatArray
+) -> None:
+    """Add equations [A y] (k, p + 1) at neighbouring places to the triangles of their segments."""
+    owner = np.searchsorted(starts, places, side="right") - 1
+    for segment in range(int(owner[0]), int(owner[-1]) + 1):
+        low, high = np.searchsorted(owner, [segment, segment + 1])
+        blocks = (table[start : min(start + BLOCK, high)] for start in range(low, high, BLOCK))
+        triangles[segment] = extend_triangle(triangles[segment], blocks)
+
+
+def predict_rows(
+    maker: RowMaker, recordings: Sequence[Recording], outline: Rows, values: FloatArray
+) -> FloatArray:
+    """Return what parameters (p,) foretell of the equations (m,) of `outline`, by another pass.
+
+    Args:
+        maker: of equations.
+        recordings: as for `condense_recordings`.
+        outline: of their equations.
+        values: (p,).
+    """
+    predicted = np.empty(len(outline.values))
+    for run, recording in enumerate(recordings):
+        whole = _predict(maker, recording, values)
+        own = outline.run == run
+        predicted[own] = whole[outline.matrix[own, 0].astype(np.intp), outline.group[own]]
+    return predicted
+
+
+def _predict(maker: RowMaker, recording: Recording, values: FloatArray) -> FloatArray:
+    """Return what parameters foretell of a recording (M, n): its torque at every sample, decimated."""
+    if maker.kind != "torque":
+        return np.concatenate([matrix @ values for _, matrix in maker.cut(recording)])
+    signals = prepare_states(maker.library, recording, maker.processing)
+    torque = np.concatenate(
+        [
+            evaluate_columns(maker.library, signals, slice(start, start + BLOCK)) @ values
+            for start in range(0, len(signals.time), BLOCK)
+        ]
+    )
+    return decimate_columns(torque, maker.processing.decimation)
