@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from symid.cli.inputs import load_robot, load_robot_library, load_robot_of_estimate, read_logs, show_path
+from symid.cli.inputs import load_robot, load_robot_library, load_robot_of_estimate, read_one_log, show_path
 from symid.cli.output import Answer, Console, format_table
 from symid.cli.tables import describe_validation
 from symid.cli.validate_elastic import ElasticCall, find_missed_gate
@@ -91,7 +91,7 @@ def validate_friction_result(console: Console, call: ElasticCall) -> Answer:
     check_friction_robot(found, load_robot(call.robot).name, str(call.estimate))
     unfolded, notices = _unfold(found, call)
     robot = load_robot_of_estimate(call.robot, unfolded, call.pairs)
-    (read_log,) = read_logs((call.log,), robot)
+    read_log = read_one_log(call.log, robot, "a law of friction")
     recording = build_motor_recording(read_log, robot)
     library = load_robot_library(_set_friction(build_rigid_variant(robot), found), console)
     check_friction_model(found, library.card, str(call.estimate))

@@ -56,6 +56,8 @@ if TYPE_CHECKING:  # these load numpy
 
 __all__ = ["command"]
 
+_SIMULATING = ("output-error", "instrumental")
+
 
 @click.command("identify")
 @click.argument("robot")
@@ -106,6 +108,7 @@ def command(
     described = load_robot(robot, pairs, friction)
     check_output(output, force=force, inputs=(described.path, *logs))
     recordings = read_fit_logs(logs, described)
+    _refuse_loads(recordings, described, rows, estimator)
     if rows == "friction":
         of_law["friction"] = friction
         answer = answer_friction(
@@ -128,6 +131,20 @@ def command(
         motor_side=route.kind == "motor-side",
         warnings=_list_warnings(described, recordings),
     )
+
+
+def _refuse_loads(
+    recordings: Sequence["Recording"], robot: "Robot", rows: str, estimator: str | None
+) -> None:
+    """Refuse known payloads for what has no rows of a rigid robot with base parameters."""
+    from symid.data.runs import refuse_loads
+
+    if rows == "friction":
+        refuse_loads(recordings, "--rows friction")
+    elif any(robot.elastic):
+        refuse_loads(recordings, "a robot with elastic joints")
+    elif estimator in _SIMULATING:
+        refuse_loads(recordings, f"--estimator {estimator}")
 
 
 def _answer_springs(

@@ -32,6 +32,7 @@ __all__ = [
     "load_robot_of_estimate",
     "read_fit_logs",
     "read_logs",
+    "read_one_log",
     "show_path",
 ]
 
@@ -119,6 +120,29 @@ def read_logs(paths: Sequence[Path], robot: "Robot") -> tuple["Recording", ...]:
     if notices:
         raise LogError(*notices)
     return tuple(recordings)
+
+
+def read_one_log(path: Path, robot: "Robot", alone: str = "") -> "Recording":
+    """Return the one recording at `path`, of which a file of runs may list no more.
+
+    Args:
+        path: of a log, or of a file of runs.
+        robot: its `[log]` map says which column is what.
+        alone: what cannot take a known payload into account, for the message; "" where it can be.
+
+    Raises:
+        UsageError: the file lists several runs.
+        LogError: with what is wrong with the log.
+    """
+    from symid.data.runs import refuse_loads
+
+    recordings = read_logs((path,), robot)
+    if len(recordings) > 1:
+        text = f"lists {len(recordings)} runs, and one log is tried at a time: name one of them"
+        raise UsageError(Notice(code="usage.one-log", text=text, file=str(path)))
+    if alone:
+        refuse_loads(recordings, alone)
+    return recordings[0]
 
 
 def read_fit_logs(paths: Sequence[Path], robot: "Robot") -> tuple["Recording", ...]:

@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from symid.cli.inputs import load_robot, load_robot_library, read_logs
+from symid.cli.inputs import load_robot, load_robot_library, read_one_log
 from symid.cli.options import DEFAULT_SEED
 from symid.cli.output import Answer, Console, format_table
 
@@ -97,7 +97,7 @@ def _study_cutoff(console: Console, robot: str, log: Path) -> Answer:
     from symid.study.cutoff import study_cutoff
 
     described = load_robot(robot)
-    (recording,) = read_logs((log,), described)
+    recording = read_one_log(log, described)
     rigid = build_rigid_variant(described) if any(described.elastic) else described
     library = load_robot_library(rigid, console)
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from symid.cli.friction_result import validate_friction_result
-from symid.cli.inputs import load_robot_library, load_robot_of_estimate, read_logs
+from symid.cli.inputs import load_robot_library, load_robot_of_estimate, read_one_log
 from symid.cli.options import FiniteRange, set_option, split_settings, verb
 from symid.cli.output import Answer, Console
 from symid.cli.tables import describe_band, describe_validation, show_band, show_residual
@@ -19,7 +19,6 @@ if TYPE_CHECKING:  # these load numpy
     from symid.data.recording import Recording
     from symid.estimators.estimate import Estimate
     from symid.residuals.metric import BandResidual
-    from symid.robot.description import Robot
     from symid.robot.log_map import Processing
 
 __all__ = ["command"]
@@ -131,7 +130,7 @@ def _answer_rigid(console: Console, call: ElasticCall, band: float | None) -> An
     read = read_estimate(call.estimate)
     described = load_robot_of_estimate(call.robot, read, call.pairs)
     found = build_rigid_estimate(read, described)
-    recording = build_motor_recording(_read_one(call.log, described), described)
+    recording = build_motor_recording(read_one_log(call.log, described), described)
     library = load_robot_library(build_rigid_variant(described), console)
     check_model(found, library.card, str(call.estimate))
     console.progress(f"validating on {recording.source}")
@@ -162,15 +161,6 @@ def _answer_rigid(console: Console, call: ElasticCall, band: float | None) -> An
         errors=errors,
         exit_code=_MISSED if errors else 0,
     )
-
-
-def _read_one(path: Path, robot: "Robot") -> "Recording":
-    """Return the one recording at `path`, of which a file of runs may list no more."""
-    recordings = read_logs((path,), robot)
-    if len(recordings) > 1:
-        text = f"lists {len(recordings)} runs, and one log is tried at a time: name one of them"
-        raise UsageError(Notice(code="usage.one-log", text=text, file=str(path)))
-    return recordings[0]
 
 
 def _compare_band(

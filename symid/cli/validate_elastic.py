@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from symid.cli.elastic_settings import check_settings, cut_logs, find_asked_cutoff
 from symid.cli.elastic_tables import describe_alignment
-from symid.cli.inputs import load_robot_library, load_robot_of_estimate, read_logs
+from symid.cli.inputs import load_robot_library, load_robot_of_estimate, read_one_log
 from symid.cli.options import DEFAULT_SEED
 from symid.cli.output import Answer, Console, format_table
 from symid.cli.simulate import build_trajectory
@@ -87,7 +87,8 @@ def answer_elastic(console: Console, call: ElasticCall) -> Answer:
 
     check_settings(call.pairs, "elastic")
     robot = load_robot_of_estimate(call.robot, read_elastic_estimate(call.estimate), call.pairs)
-    (recording,) = cut_logs(read_logs((call.log,), robot), robot.processing)
+    read = read_one_log(call.log, robot, "an elastic robot")
+    (recording,) = cut_logs((read,), robot.processing)
     # A log with one position is refused before minutes go into a library.
     find_positions(recording)
     if call.tracking:

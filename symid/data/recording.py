@@ -30,6 +30,7 @@ class RunSettings:
         file: the log; weight: what the squares of its residuals count for.
         drop_first, drop_last: samples that were cut off before anything else.
         payload: the name of what the robot carries, empty for nothing.
+        load: (p,) what a payload that is known adds to the base parameters, SI; empty where it is not known.
         offset: rad or m added to the positions, one for all joints or one a joint.
     """
 
@@ -38,6 +39,7 @@ class RunSettings:
     drop_first: int = 0
     drop_last: int = 0
     payload: str = ""
+    load: tuple[float, ...] = ()
     offset: tuple[float, ...] = (0.0,)
 
 

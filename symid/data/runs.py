@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from symid.data.cuts import cut_ends
+from symid.data.payloads import read_payload
 from symid.data.readers import read_recording
 from symid.data.recording import Recording, RunSettings
 from symid.data.table import refuse_file
@@ -51,6 +52,7 @@ __all__ = [
     "read_log_runs",
     "read_recorded_runs",
     "read_runs",
+    "refuse_loads",
 ]
 
 _SUFFIX = ".toml"
@@ -139,12 +141,14 @@ def _read_run(section: Section, path: Path, robot: Robot) -> RunSettings:
     if "file" not in section.values:
         section.refuse_key("runs.missing-key", "file", 'missing; write file = "log.npz"')
     weight = read_number(section, "weight", "", POSITIVE)
+    payload = read_payload(section, robot)
     return RunSettings(
         file=str(path.parent / (file or "")),
         weight=1.0 if weight is None else float(weight),
         drop_first=read_integer(section, "drop_first", NOT_NEGATIVE) or 0,
         drop_last=read_integer(section, "drop_last", NOT_NEGATIVE) or 0,
-        payload=read_text(section, "payload") or "",
+        payload=payload.name,
+        load=payload.load,
         offset=_read_offset(section, robot.freedom),
     )
 
@@ -232,30 +236,57 @@ def _restore_runs(sources: Sequence[str], told: object, size: int) -> list[RunSe
 
 def _restore_run(entry: object, size: int) -> RunSettings | None:
     """Return the settings of a run as `describe_runs` told them, None where that is not what `entry` is."""
-    if not isinstance(entry, dict) or set(entry) != set(_KEYS):
+    if not isinstance(entry, dict) or set(entry) - {"load"} != set(_KEYS):
         return None
-    offset = entry["offset"]
+    offset, load = entry["offset"], entry.get("load", [])
     usable = (
         all(isinstance(entry[key], str) for key in ("file", "payload"))
         and all(type(entry[key]) is int and entry[key] >= 0 for key in ("drop_first", "drop_last"))
         and isinstance(offset, list | tuple)
         and len(offset) in (1, size)
-        and all(type(value) in (int, float) for value in (entry["weight"], *offset))
+        and isinstance(load, list | tuple)
+        and all(type(value) in (int, float) for value in (entry["weight"], *offset, *load))
     )
-    return RunSettings(**{**entry, "offset": tuple(map(float, offset))}) if usable else None
+    if not usable:
+        return None
+    return RunSettings(**{**entry, "offset": tuple(map(float, offset)), "load": tuple(map(float, load))})
 
 
 def check_one_payload(recordings: Sequence[Recording]) -> None:
-    """Refuse runs with different payloads for a fit of one set of parameters.
+    """Refuse runs with different payloads for a fit of one set of parameters, but for those that are known.
 
     Raises:
         LogError: there is more than one payload.
     """
-    names = sorted({recording.run.payload if recording.run else "" for recording in recordings})
+    names = sorted({_name_payload(recording.run) for recording in recordings})
     if len(names) > 1:
         listed = ", ".join(repr(name) if name else "none" for name in names)
         text = (
             f"the runs carry different payloads ({listed}), and base parameters hold for one of them: "
-            "identify those of each payload alone, and give the estimates to `symid payload`"
+            "state mass, com and inertia of those that are known, or identify the parameters with each "
+            "payload alone, and give the estimates to `symid payload`"
         )
         raise LogError(Notice(code="log.payloads-differ", text=text))
+
+
+def _name_payload(run: RunSettings | None) -> str:
+    return "" if run is None or run.load else run.payload
+
+
+def refuse_loads(recordings: Sequence[Recording], what: str) -> None:
+    """Refuse known payloads where nothing takes them into account.
+
+    Args:
+        recordings: the logs.
+        what: the name of what does not, for the message.
+
+    Raises:
+        LogError: a run carries a known payload.
+    """
+    text = (
+        f"the run carries a payload that is known, and {what} cannot take it into account; leave the run "
+        "out, or use torque rows of a rigid robot"
+    )
+    loaded = [entry.source for entry in recordings if entry.run is not None and entry.run.load]
+    if loaded:
+        raise LogError(*(Notice(code="log.known-payload", text=text, file=source) for source in loaded))

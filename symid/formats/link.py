@@ -21,7 +21,7 @@ from symid.robot.description import LinkForm
 from symid.robot.geometry import ZERO, Exact, Placement
 from symid.robot.inertia import find_impossibility, find_standard_parameters, move_parameters
 
-__all__ = ["Body", "read_inertial"]
+__all__ = ["Body", "read_body", "read_inertial"]
 
 _TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")
 _UNITS = ("kg*m^2",) * 6 + ("kg*m",) * 3 + ("kg",)
@@ -43,7 +43,14 @@ def read_inertial(section: Section, frame: Placement, symbols: Symbols) -> Body:
         frame: the frame that the file's values refer to, seen from the link's frame.
         symbols: those of the file.
     """
-    link = read_table(section, "link", ("mass", "com", "inertia", "standard"))
+    return read_body(section, "link", frame, symbols)
+
+
+def read_body(
+    section: Section, name: str, frame: Placement, symbols: Symbols, others: tuple[str, ...] = ()
+) -> Body:
+    """Return what the table `name` says of a body, which may have keys besides; see `read_inertial`."""
+    link = read_table(section, name, ("mass", "com", "inertia", "standard", *others))
     if link is None:
         return Body()
     errors = len(section.report.errors)
@@ -60,7 +67,7 @@ def read_inertial(section: Section, frame: Placement, symbols: Symbols) -> Body:
         return Body()
     if form is not None and not any(form.inertia):
         text = "inertia is taken as zero: a point mass; write inertia = { xx = 0.01, yy = 0.01, zz = 0.01 }"
-        section.warn("robot.point-mass", "link", f"{text} (kg*m^2) if the link has one")
+        section.warn("robot.point-mass", name, f"{text} (kg*m^2) if the link has one")
     rotation = np.array([[entry.to_float() for entry in row] for row in frame.rotation])
     translation = np.array([entry.to_float(symbols.values) for entry in frame.translation])
     return Body(

@@ -25,6 +25,7 @@ from symid.errors import IdentifiabilityError, Notice
 from symid.robot.log_map import Processing
 from symid.rows.cutoff import choose_filters
 from symid.rows.identifiability import find_resting_joints, settle_joints
+from symid.rows.unloading import find_load_torque
 
 __all__ = ["LogFit", "evaluate_rows", "prepare_log_fit", "shift_torque", "solve_rows"]
 
@@ -87,6 +88,11 @@ def prepare_log_fit(library: Library, recording: Recording, processing: Processi
         )
         raise IdentifiabilityError(Notice(code="identify.standstill", text=text, file=recording.source))
     signals = settle_joints(prepare_signals(recording, processing), resting)
+    load = find_load_torque(library, signals, recording)
+    if load is not None:
+        torque = recording.torque.copy()
+        torque[processing.drop_first : processing.drop_first + len(load)] -= load
+        recording, signals = replace(recording, torque=torque), replace(signals, tau=signals.tau - load)
     columns = np.hstack([signals.q, signals.dq, signals.ddq, signals.tau])
     thin = _thin_out(columns, processing)
     blocks = _choose_blocks(len(thin))

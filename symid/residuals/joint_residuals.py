@@ -25,6 +25,7 @@ from symid.robot.log_map import Decimation, Processing
 from symid.rows.cutoff import choose_filters
 from symid.rows.identifiability import find_resting_joints, settle_joints
 from symid.rows.row_parts import evaluate_columns
+from symid.rows.unloading import take_load_off
 
 __all__ = ["BLOCKS", "LARGEST", "JointResidual", "find_joint_residuals"]
 
@@ -123,6 +124,7 @@ def find_joint_residuals(
     for recording, weight in zip(recordings, weights or [1.0] * len(recordings), strict=True):
         resting = find_resting_joints(recording)
         signals = settle_joints(prepare_signals(recording, processing), resting)
+        signals = take_load_off(library, signals, recording)
         logs.append((_Log(library, signals, _foretell(library, signals, values), weight), set(resting)))
     for joint, card in enumerate(library.card.joints):
         moving = [log for log, resting in logs if joint not in resting]

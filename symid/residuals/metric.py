@@ -27,6 +27,7 @@ from symid.estimators.estimate import Residual
 from symid.robot.log_map import Processing
 from symid.rows.cutoff import choose_filters
 from symid.rows.identifiability import find_resting_joints, settle_joints
+from symid.rows.unloading import find_load_torque
 
 __all__ = ["ENDS", "BandResidual", "Prediction", "find_band_residual", "predict_torques"]
 
@@ -46,7 +47,7 @@ class Prediction:
     Args:
         joints: names; units: of their torques; position_units: of their positions.
         time: (N,) s; position, velocity, acceleration: (N, n), not low-passed further.
-        measured, predicted: (N, n) N m or N, joint side.
+        measured, predicted: (N, n) N m or N, joint side, measured without the torque of a known payload.
         counted: indices of the joints whose torque counts.
         source: the log.
     """
@@ -123,6 +124,8 @@ def predict_torques(
     kept = slice(left, len(signals.time) - left)
     first = processing.drop_first
     torque = recording.torque[first : first + len(signals.time)]
+    load = find_load_torque(library, signals, recording)
+    torque = torque if load is None else torque - load
     joints = library.card.joints
     measured, predicted = (
         low_pass(torques, period=signals.period, cutoff=band, order=_ORDER)[kept]

@@ -18,6 +18,7 @@ from symid.robot.log_map import Processing
 from symid.rows.cutoff import choose_filters
 from symid.rows.identifiability import JOINT_AT_REST, find_resting_joints, settle_joints
 from symid.rows.rows import SCALAR_KINDS, Rows, build_rows, drop_groups, outline_rows, select_rows
+from symid.rows.unloading import take_load_off
 
 __all__ = ["prepare_outline", "prepare_rows", "prepare_states"]
 
@@ -71,7 +72,7 @@ def prepare_outline(
 
 
 def prepare_states(library: Library, recording: Recording, processing: Processing) -> Signals:
-    """Return filtered states and torques of one recording, joints at rest exactly so.
+    """Return filtered states of one recording, joints at rest exactly so, and torques without known payloads.
 
     Args:
         library: the functions of the robot.
@@ -86,7 +87,8 @@ def prepare_states(library: Library, recording: Recording, processing: Processin
     resting = find_resting_joints(recording)
     if len(resting) == library.card.size:
         raise IdentifiabilityError(_say_standstill(recording))
-    return settle_joints(prepare_signals(recording, processing), resting)
+    signals = settle_joints(prepare_signals(recording, processing), resting)
+    return take_load_off(library, signals, recording)
 
 
 def _leave_out(rows: Rows, library: Library, recording: Recording, processing: Processing) -> Rows:

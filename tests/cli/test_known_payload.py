@@ -1,0 +1,141 @@
+"""Runs with a payload that is known, and runs without, tell the same robot in one fit."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from symid.cli.main import run
+from symid.formats.toml import read_robot
+from symid.formats.writer import write_robot
+from symid.robot.inertia import find_standard_parameters
+
+MASS, CENTRE, INERTIA = 0.8, (0.1, 0.02, 0.0), (0.002, 0.0, 0.0, 0.002, 0.0, 0.003)
+DISC = (
+    f'payload = {{ name = "disc", joint = "elbow", mass = {MASS}, com = [0.1, 0.02, 0], '
+    "inertia = { xx = 0.002, yy = 0.002, zz = 0.003 } }\n"
+)
+ENDS = "drop_first = 300\ndrop_last = 300\n"
+
+
+def call_json(capsys, *arguments):
+    code = run([*map(str, arguments), "--json", "-q"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, robots_folder):
+    """Return a folder with logs of the robot without and with the payload, which another robot file has."""
+    root = tmp_path_factory.mktemp("loaded")
+    robot = read_robot(robots_folder / "two_link.toml")
+    added = find_standard_parameters(MASS, CENTRE, INERTIA)
+    last = robot.joints[-1]
+    total = tuple(a + b for a, b in zip(last.inertial, added, strict=True))
+    loaded = dataclasses.replace(
+        robot, joints=(*robot.joints[:-1], dataclasses.replace(last, inertial=total))
+    )
+    (root / "loaded.toml").write_text(write_robot(loaded), encoding="utf-8")
+    for name, source, seed in (("empty", "two_link", 1), ("with", root / "loaded.toml", 2)):
+        assert run(["simulate", str(source), "--seed", str(seed), "-o", str(root / f"{name}.npz"), "-q"]) == 0
+    runs = f'[[run]]\nfile = "empty.npz"\n{ENDS}[[run]]\nfile = "with.npz"\n{ENDS}'
+    (root / "both.toml").write_text(runs + DISC, encoding="utf-8")
+    (root / "alone.toml").write_text(f'[[run]]\nfile = "with.npz"\n{ENDS}{DISC}', encoding="utf-8")
+    (root / "forgotten.toml").write_text(runs, encoding="utf-8")
+    return root
+
+
+def measure(answer):
+    """Return errors in deviations of the parameters that the answer has."""
+    return np.array([(e["value"] - e["truth"]) / e["std"] for e in answer["result"]["parameters"]])
+
+
+@pytest.mark.parametrize("rows", ["torque", "momentum", "energy"])
+def test_both_runs_tell_the_robot_without_it(capsys, folder, rows):
+    arguments = ("identify", "two_link", folder / "both.toml", "--rows", rows)
+    code, answer = call_json(capsys, *arguments, "--estimator", "wls" if rows != "energy" else "ols")
+    assert code == 0
+    assert np.abs(measure(answer)).max() < 5.0
+    _, forgotten = call_json(capsys, "identify", "two_link", folder / "forgotten.toml", "--rows", rows)
+    errors = [
+        np.abs([e["value"] - e["truth"] for e in found["result"]["parameters"]])
+        for found in (answer, forgotten)
+    ]
+    assert (errors[1] / np.maximum(errors[0], 1e-3)).max() > 10.0
+
+
+def test_the_run_with_it_alone_and_its_validation(capsys, folder, tmp_path):
+    estimate = tmp_path / "estimate.json"
+    arguments = ("identify", "two_link", folder / "alone.toml", "--estimator", "wls", "-o", estimate)
+    code, answer = call_json(capsys, *arguments)
+    assert code == 0
+    assert np.abs(measure(answer)).max() < 5.0
+    code, empty = call_json(capsys, "validate", "two_link", estimate, folder / "empty.npz")
+    _, told = call_json(capsys, "validate", "two_link", estimate, folder / "alone.toml")
+    _, untold = call_json(capsys, "validate", "two_link", estimate, folder / "with.npz")
+    means = [entry["result"]["mean_relative_percent"] for entry in (empty, told, untold)]
+    assert code == 0
+    assert max(means[:2]) < 0.2 * means[2]
+    banded = [
+        call_json(capsys, "validate", "two_link", estimate, folder / name, "--band", "10")[1]
+        for name in ("alone.toml", "with.npz")
+    ]
+    left = [entry["result"]["mean_relative_percent"] for entry in banded]
+    assert left[0] < 0.2 * left[1]
+
+
+def test_a_diagnosis_reads_the_runs_as_the_fit_did(capsys, folder, tmp_path):
+    estimate, page = tmp_path / "estimate.json", tmp_path / "page.html"
+    call_json(capsys, "identify", "two_link", folder / "both.toml", "--estimator", "wls", "-o", estimate)
+    code, answer = call_json(capsys, "report", estimate, "--diagnose", "-o", page)
+    assert code == 0
+    codes = [entry["code"] for entry in answer["warnings"]]
+    assert "diagnosis.other-values" not in codes
+
+
+def test_check_knows_it(capsys, folder):
+    code, answer = call_json(capsys, "check", "two_link", folder / "alone.toml")
+    assert code == 0
+    assert "log.torque-sign" not in [entry["code"] for entry in answer["warnings"]]
+
+
+@pytest.mark.parametrize(
+    ("robot", "options", "what"),
+    [
+        ("two_link", ("--rows", "friction"), "--rows friction"),
+        ("two_link", ("--estimator", "output-error"), "--estimator output-error"),
+        ("two_link", ("--estimator", "instrumental"), "--estimator instrumental"),
+        ("two_link_elastic", (), "a robot with elastic joints"),
+    ],
+)
+def test_what_cannot_take_it_into_account_refuses_it(capsys, folder, robot, options, what):
+    code, answer = call_json(capsys, "identify", robot, folder / "alone.toml", *options)
+    (error,) = answer["errors"]
+    assert (code, error["code"]) == (3, "log.known-payload")
+    assert f"and {what} cannot take it into account" in error["text"]
+
+
+@pytest.mark.parametrize(
+    ("payload", "code", "said"),
+    [
+        ('{ joint = "hand", mass = 1 }', "runs.unknown-joint", "allowed are shoulder, elbow"),
+        ("{ mass = -1 }", "runs.", "mass"),
+        ('{ name = "disc" }', "runs.", "mass"),
+        ("{ mass = 1, weight = 2 }", "runs.unknown-key", "weight"),
+        ("{ mass = 1, inertia = { xx = 1, yy = 0.1, zz = 0.1 } }", "runs.impossible-inertia", "no body"),
+    ],
+)
+def test_mistakes_have_their_place(capsys, folder, payload, code, said):
+    path = folder / "wrong.toml"
+    path.write_text(f'[[run]]\nfile = "with.npz"\npayload = {payload}\n', encoding="utf-8")
+    status, answer = call_json(capsys, "identify", "two_link", path)
+    error = answer["errors"][0]
+    assert (status, error["line"]) == (3, 3)
+    assert error["code"].startswith(code)
+    assert said in error["text"]
+
+
+def test_a_study_of_one_log_takes_a_run_and_no_two(capsys, folder):
+    code, answer = call_json(capsys, "study", "cutoff", "two_link", folder / "both.toml")
+    assert (code, answer["errors"][0]["code"]) == (2, "usage.one-log")
+    assert "lists 2 runs" in answer["errors"][0]["text"]
