@@ -39,6 +39,7 @@ _NOTES = frozenset(
         "log.in-line",
         "log.motor-position",
         "log.offset",
+        "log.payload",
         "log.resampled",
         "new.assumed-gear",
         "new.assumed-order",

@@ -74,14 +74,16 @@ def read_log_runs(path: Path, robot: Robot, *, uneven: bool = False) -> tuple[Re
         return (read_recording(path, robot, uneven=uneven),)
     recordings: list[Recording] = []
     notices: list[Notice] = []
-    for run in read_runs(path, robot):
+    runs, warnings = _parse_runs(path, robot)
+    for run in runs:
         try:
             recordings.append(_apply(read_recording(Path(run.file), robot, uneven=uneven), run))
         except LogError as error:
             notices += error.notices
     if notices:
         raise LogError(*notices)
-    return tuple(recordings)
+    first, *others = recordings
+    return (replace(first, notices=(*warnings, *first.notices)), *others)
 
 
 def list_files(paths: Sequence[Path], robot: Robot) -> tuple[Path, ...]:
@@ -105,6 +107,11 @@ def read_runs(path: Path, robot: Robot) -> tuple[RunSettings, ...]:
     Raises:
         LogError: with a notice for each mistake, at its place.
     """
+    return _parse_runs(path, robot)[0]
+
+
+def _parse_runs(path: Path, robot: Robot) -> tuple[tuple[RunSettings, ...], tuple[Notice, ...]]:
+    """Return the runs of a file, and what is odd in it."""
     try:
         text = read_text_file(path).replace("\r\n", "\n")
         values = tomllib.loads(text, parse_float=Decimal)
@@ -127,7 +134,7 @@ def read_runs(path: Path, robot: Robot) -> tuple[RunSettings, ...]:
     )
     if report.errors:
         raise LogError(*map(_rename, report.notices()))
-    return runs
+    return runs, tuple(map(_rename, report.remarks()))
 
 
 def _rename(notice: Notice) -> Notice:
@@ -167,6 +174,10 @@ def _read_offset(section: Section, size: int) -> tuple[float, ...]:
 def _apply(recording: Recording, run: RunSettings) -> Recording:
     """Return the recording cut and moved as the run says, with notices that say so."""
     cut = cut_ends(recording, run.drop_first, run.drop_last)
+    if run.load:
+        text = f"the torque of the payload {run.payload!r}, which is known, is taken off the measured one"
+        notice = Notice(code="log.payload", text=text, file=recording.source)
+        cut = replace(cut, notices=(*cut.notices, notice))
     if any(run.offset):
         added = ", ".join(f"{value:.10g}" for value in run.offset)
         text = f"{added} was added to the positions, as the run asks for"

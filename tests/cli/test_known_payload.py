@@ -56,6 +56,9 @@ def test_both_runs_tell_the_robot_without_it(capsys, folder, rows):
     code, answer = call_json(capsys, *arguments, "--estimator", "wls" if rows != "energy" else "ols")
     assert code == 0
     assert np.abs(measure(answer)).max() < 5.0
+    (told,) = [entry for entry in answer["warnings"] if entry["code"] == "log.payload"]
+    assert told["file"] == str(folder / "with.npz")
+    assert "the torque of the payload 'disc', which is known, is taken off" in told["text"]
     _, forgotten = call_json(capsys, "identify", "two_link", folder / "forgotten.toml", "--rows", rows)
     errors = [
         np.abs([e["value"] - e["truth"] for e in found["result"]["parameters"]])
@@ -139,3 +142,11 @@ def test_a_study_of_one_log_takes_a_run_and_no_two(capsys, folder):
     code, answer = call_json(capsys, "study", "cutoff", "two_link", folder / "both.toml")
     assert (code, answer["errors"][0]["code"]) == (2, "usage.one-log")
     assert "lists 2 runs" in answer["errors"][0]["text"]
+
+
+def test_what_is_assumed_of_a_payload_is_told(capsys, folder):
+    path = folder / "point.toml"
+    path.write_text(f'[[run]]\nfile = "with.npz"\n{ENDS}payload = {{ mass = 0.5 }}\n', encoding="utf-8")
+    code, answer = call_json(capsys, "identify", "two_link", path)
+    (told,) = [entry for entry in answer["warnings"] if entry["code"] == "runs.point-mass"]
+    assert (code, told["line"]) == (0, 5)
