@@ -10,6 +10,7 @@ import click
 from symid.cli.elastic_settings import check_settings, cut_logs, find_asked_cutoff, list_unused_settings
 from symid.cli.estimator_options import (
     ESTIMATOR_OPTIONS,
+    SIMULATING,
     check_estimator_options,
     estimator_options,
     split_estimator_options,
@@ -55,8 +56,6 @@ if TYPE_CHECKING:  # these load numpy
     from symid.robot.description import Robot
 
 __all__ = ["command"]
-
-_SIMULATING = ("output-error", "instrumental")
 
 
 @click.command("identify")
@@ -143,7 +142,7 @@ def _refuse_loads(
         refuse_loads(recordings, "--rows friction")
     elif any(robot.elastic):
         refuse_loads(recordings, "a robot with elastic joints")
-    elif estimator in _SIMULATING:
+    elif estimator in SIMULATING:
         refuse_loads(recordings, f"--estimator {estimator}")
 
 

@@ -19,7 +19,7 @@ from symid.data.recording import Recording
 from symid.errors import EstimateError, Notice
 from symid.estimators.estimate import CHOSEN, Estimate, SettledProcessing
 from symid.robot.log_map import Decimation, Processing
-from symid.rows.cutoff import choose_filters
+from symid.rows.cutoff import SAME_PERIOD, choose_filters
 from symid.rows.rows import WINDOW, find_pieces
 
 __all__ = [
@@ -31,9 +31,6 @@ __all__ = [
     "read_fit_processing",
     "settle_as_fitted",
 ]
-
-_SAME = 0.01
-"""Periods that differ by less, relative to one another, are the same: clocks drift."""
 
 
 def settle_as_fitted(estimate: Estimate, processing: Processing, recording: Recording) -> SettledProcessing:
@@ -119,7 +116,7 @@ def read_fit_processing(settings: Mapping[str, object]) -> Processing:
 
 def _has_same_period(settings: Mapping[str, object], recording: Recording) -> bool:
     period = settings.get("sample_period")
-    return _is_positive(period) and math.isclose(period, recording.period, rel_tol=_SAME)
+    return _is_positive(period) and math.isclose(period, recording.period, rel_tol=SAME_PERIOD)
 
 
 def find_window(settings: Mapping[str, object]) -> float:

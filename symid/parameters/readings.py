@@ -14,7 +14,6 @@ Not supported: what is no line over the speed, as Coulomb friction of a coupling
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 
 from sympy import Expr, Integer, Rational
 
@@ -106,10 +105,6 @@ def find_kindred_readings(
         if label[1] in kinds[number] and not rows[number][column]
         for sign in (1, -1)
     )
-
-
-def _find_square(factor: Fraction) -> Expr:
-    return Rational(factor.numerator, factor.denominator) ** 2
 
 
 def _list_columns(base: BaseParameters) -> dict[Label, tuple[int, str]]:

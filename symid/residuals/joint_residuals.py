@@ -24,7 +24,7 @@ from symid.residuals.residual_families import Motion
 from symid.robot.log_map import Decimation, Processing
 from symid.rows.cutoff import choose_filters
 from symid.rows.identifiability import find_resting_joints, settle_joints
-from symid.rows.row_parts import evaluate_columns
+from symid.rows.row_parts import evaluate_columns, evaluate_torques
 from symid.rows.unloading import take_load_off
 
 __all__ = ["BLOCKS", "LARGEST", "JointResidual", "find_joint_residuals"]
@@ -33,8 +33,6 @@ BLOCKS = 8
 """Stretches of time that are held out in turn."""
 LARGEST = 2e8
 """Bytes of a joint's equations that are held in memory."""
-_SAMPLES = 4096
-"""Samples whose regressor is in memory at a time."""
 _TINY = 1e-300
 
 
@@ -125,17 +123,13 @@ def find_joint_residuals(
         resting = find_resting_joints(recording)
         signals = settle_joints(prepare_signals(recording, processing), resting)
         signals = take_load_off(library, signals, recording)
-        logs.append((_Log(library, signals, _foretell(library, signals, values), weight), set(resting)))
+        logs.append(
+            (_Log(library, signals, evaluate_torques(library, signals, values), weight), set(resting))
+        )
     for joint, card in enumerate(library.card.joints):
         moving = [log for log, resting in logs if joint not in resting]
         if moving:
             yield card, _find_residual(values, moving, joint, thinning)
-
-
-def _foretell(library: Library, signals: Signals, values: FloatArray) -> FloatArray:
-    """Return [Y | Yf] x at every sample (N, n), block by block."""
-    parts = (slice(start, start + _SAMPLES) for start in range(0, len(signals.time), _SAMPLES))
-    return np.concatenate([evaluate_columns(library, signals, part) @ values for part in parts])
 
 
 def _find_residual(

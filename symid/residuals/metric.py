@@ -27,6 +27,7 @@ from symid.estimators.estimate import Residual
 from symid.robot.log_map import Processing
 from symid.rows.cutoff import choose_filters
 from symid.rows.identifiability import find_resting_joints, settle_joints
+from symid.rows.row_parts import evaluate_torques
 from symid.rows.unloading import find_load_torque
 
 __all__ = ["ENDS", "BandResidual", "Prediction", "find_band_residual", "predict_torques"]
@@ -34,8 +35,6 @@ __all__ = ["ENDS", "BandResidual", "Prediction", "find_band_residual", "predict_
 ENDS = 0.5
 """Seconds at either end that do not count."""
 _ORDER = 4
-_BLOCK = 4096
-"""Samples whose regressor is held at a time."""
 _FEWEST = 20
 """Samples that must be left."""
 
@@ -129,7 +128,7 @@ def predict_torques(
     joints = library.card.joints
     measured, predicted = (
         low_pass(torques, period=signals.period, cutoff=band, order=_ORDER)[kept]
-        for torques in (torque, _evaluate_torques(values, library, signals))
+        for torques in (torque, evaluate_torques(library, signals, values))
     )
     return Prediction(
         joints=tuple(joint.name for joint in joints),
@@ -147,21 +146,6 @@ def predict_torques(
         band=band,
         source=recording.source,
     )
-
-
-def _evaluate_torques(values: FloatArray, library: Library, signals: Signals) -> FloatArray:
-    """Return [Y | Yf] x at every sample (N, n), block by block."""
-    count = len(library.card.beta)
-    parts = []
-    for start in range(0, len(signals.time), _BLOCK):
-        part = slice(start, start + _BLOCK)
-        (rigid,) = library.evaluate("torque_regressor", signals.q[part], signals.dq[part], signals.ddq[part])
-        torque = rigid @ values[:count]
-        if library.card.friction:
-            (friction,) = library.evaluate("friction_regressor", signals.dq[part])
-            torque += friction @ values[count:]
-        parts.append(torque)
-    return np.concatenate(parts)
 
 
 def _say_short(recording: Recording, signals: Signals, ends: float) -> Notice:

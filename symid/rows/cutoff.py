@@ -27,13 +27,13 @@ from symid.rows.identifiability import find_resting_joints
 from symid.rows.rows import WINDOW
 from symid.rows.spectra import NOISE_SHARE, find_bands
 
-__all__ = ["FilterChoice", "choose_filters", "choose_window"]
+__all__ = ["SAME_PERIOD", "FilterChoice", "choose_filters", "choose_window"]
 
 _LEAST_BAND = 5.0
 """Hz that are always kept: robots move there."""
 _RATIO = 5.0
 _HIGHEST = 0.4
-_ALIKE = 0.01
+SAME_PERIOD = 0.01
 """Sample periods that differ by less, relative to one another, are the same: clocks drift."""
 
 
@@ -77,7 +77,7 @@ def choose_filters(processing: Processing, recordings: Sequence[Recording]) -> F
 
 def _check_periods(recordings: Sequence[Recording]) -> None:
     periods = [entry.period for entry in recordings]
-    if max(periods) <= (1.0 + _ALIKE) * min(periods):
+    if max(periods) <= (1.0 + SAME_PERIOD) * min(periods):
         return
     listed = ", ".join(f"{entry.source or 'a log'} every {1e3 * entry.period:.4g} ms" for entry in recordings)
     text = (

@@ -27,7 +27,7 @@ from symid.data.signals import decimate_columns
 from symid.robot.log_map import Processing
 from symid.rows.condensation import BLOCK, Condensed, extend_triangle
 from symid.rows.preparation import prepare_outline, prepare_rows, prepare_states
-from symid.rows.row_parts import evaluate_columns
+from symid.rows.row_parts import evaluate_torques
 from symid.rows.rows import Rows, cut_rows, stack_rows
 
 __all__ = ["LONG_KINDS", "LongRows", "RowMaker", "condense_recordings", "predict_rows"]
@@ -219,10 +219,4 @@ def _predict(maker: RowMaker, recording: Recording, values: FloatArray) -> Float
     if maker.kind != "torque":
         return np.concatenate([matrix @ values for _, matrix in maker.cut(recording)])
     signals = prepare_states(maker.library, recording, maker.processing)
-    torque = np.concatenate(
-        [
-            evaluate_columns(maker.library, signals, slice(start, start + BLOCK)) @ values
-            for start in range(0, len(signals.time), BLOCK)
-        ]
-    )
-    return decimate_columns(torque, maker.processing.decimation)
+    return decimate_columns(evaluate_torques(maker.library, signals, values), maker.processing.decimation)

@@ -42,6 +42,7 @@ __all__ = [
     "cut_momentum_matrix",
     "cut_torque_matrix",
     "evaluate_columns",
+    "evaluate_torques",
     "outline_momentum_part",
     "outline_torque_part",
 ]
@@ -107,6 +108,13 @@ def evaluate_columns(library: Library, signals: Signals, part: slice) -> FloatAr
     q, dq, ddq = signals.q[part], signals.dq[part], signals.ddq[part]
     (rigid,) = library.evaluate("torque_regressor", q, dq, ddq)
     return np.concatenate([rigid, *_evaluate_friction(library, dq)], axis=2)
+
+
+def evaluate_torques(library: Library, signals: Signals, values: FloatArray) -> FloatArray:
+    """Return the torques (N, n) in N m or N that parameters (p,) foretell at every sample, block by block."""
+    starts = range(0, len(signals.time), _SAMPLES)
+    parts = (evaluate_columns(library, signals, slice(k, k + _SAMPLES)) @ values for k in starts)
+    return np.concatenate(list(parts))
 
 
 def _find_kept_times(time: FloatArray, kept: int, factor: int) -> FloatArray:

@@ -16,11 +16,9 @@ from symid.arrays import FloatArray
 from symid.codegen.library import Library
 from symid.data.recording import Recording, Signals
 from symid.errors import LogError, Notice
+from symid.rows.row_parts import evaluate_torques
 
 __all__ = ["find_load_torque", "take_load_off"]
-
-_BLOCK = 4096
-"""Samples whose regressor is held at a time."""
 
 
 def take_load_off(library: Library, signals: Signals, recording: Recording) -> Signals:
@@ -44,9 +42,5 @@ def find_load_torque(library: Library, signals: Signals, recording: Recording) -
             "the run with the robot that is identified"
         )
         raise LogError(Notice(code="log.payload-model", text=text, file=recording.source))
-    parts = []
-    for start in range(0, len(signals.time), _BLOCK):
-        part = slice(start, start + _BLOCK)
-        (rigid,) = library.evaluate("torque_regressor", signals.q[part], signals.dq[part], signals.ddq[part])
-        parts.append(rigid @ load)
-    return np.concatenate(parts)
+    # A payload has no friction.
+    return evaluate_torques(library, signals, np.append(load, np.zeros(len(library.card.friction))))
