@@ -1,0 +1,95 @@
+"""Numbers stay where they were: every call of `freeze` answers as it did, number by number.
+
+After a change of numbers that is meant, tests/golden/freeze.py --accept writes the answers anew.
+"""
+
+import copy
+
+import pytest
+
+from tests.golden.freeze import (
+    ANSWERS,
+    CALLS,
+    LONGEST_LIST,
+    Scratch,
+    compare,
+    find_answer,
+    keep,
+    read_answer,
+    wants_data,
+)
+
+SHOWN = 20
+
+
+@pytest.fixture(scope="session")
+def scratch(tmp_path_factory):
+    """Return a folder of this worker: what one call writes is there for those that read it."""
+    return Scratch(tmp_path_factory.mktemp("answers").resolve())
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_an_answer_is_what_it_was(name, scratch, request, c_compiler):
+    if wants_data(name):
+        request.getfixturevalue("shared_data")
+    differences = compare(read_answer(name), find_answer(name, scratch), name)
+    assert not differences, "\n".join((f"{len(differences)} differences", *differences[:SHOWN]))
+
+
+def test_every_stored_answer_has_its_call():
+    assert {path.stem for path in ANSWERS.iterdir()} == set(CALLS)
+
+
+STORED = {
+    "ok": True,
+    "count": 3,
+    "text": "3 rows, 0.123456789012 N m",
+    "rows": [{"value": 2.0, "std": 1e-20}, {"value": -3.0, "std": 0.5}],
+    "long": keep([0.1 * k for k in range(LONGEST_LIST + 1)]),
+}
+
+
+def change(path, value):
+    changed = copy.deepcopy(STORED)
+    *parents, last = path
+    entry = changed
+    for key in parents:
+        entry = entry[key]
+    entry[last] = value
+    return changed
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("ok",), 1),
+        (("count",), 3.0),
+        (("count",), 4),
+        (("text",), "3 rows, 0.123456789512 N m"),
+        (("text",), "3 rows, 0.123456789012 N"),
+        (("rows", 0, "value"), 2.0 + 3e-9),
+        (("rows", 0, "value"), None),
+        (("rows", 0, "value"), float("nan")),
+        (("rows", 0, "std"), 1e-12),
+        (("rows", 1), {"std": 0.5, "value": -3.0}),
+        (("rows",), STORED["rows"][:1]),
+        (("long",), keep([0.1 * k for k in reversed(range(LONGEST_LIST + 1))])),
+        (("more",), 0),
+    ],
+)
+def test_what_differs_is_found(path, value):
+    (difference,) = compare(STORED, change(path, value))[:1]
+    assert "stored" in difference
+    assert path == ("more",) or difference.startswith(".".join(map(str, path)))
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("rows", 0, "value"), 2.0 + 1e-9),
+        (("rows", 0, "std"), 4e-13),
+        (("text",), "3 rows,  0.123456789012001 N m"),
+    ],
+)
+def test_last_digits_are_no_difference(path, value):
+    assert compare(STORED, change(path, value)) == []
