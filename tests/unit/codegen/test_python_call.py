@@ -1,25 +1,25 @@
 """Built-in functions over compiled code: the bytes of the call through ctypes, or no built-in function."""
 
 import contextlib
-import ctypes
 import gc
 import shutil
 import subprocess
 import sys
+import sysconfig
 import threading
+import tracemalloc
 import weakref
 from types import BuiltinFunctionType
 
 import numpy as np
 import pytest
 
-from symid.codegen import python_call
 from symid.codegen.cache import prepare_library
 from symid.codegen.functions import FunctionSpec, ModelCard, Port
 from symid.codegen.library import load_library
-from symid.codegen.python_call import find_python_call
+from symid.codegen.python_call import find_call_path, load_calls
 from symid.codegen.python_call_source import write_python_call
-from symid.errors import UsageError
+from symid.errors import GenerationError, UsageError
 from symid.formats.toml import read_robot
 
 NAMES = ("gravity", "inverse_dynamics", "forward_kinematics", "mass_matrix", "energy")
@@ -35,15 +35,6 @@ def library(project, c_compiler, tmp_path_factory):
     return prepare_library(robot, names=NAMES, cache=tmp_path_factory.mktemp("cache"))
 
 
-@pytest.fixture
-def fresh(monkeypatch):
-    """Look at the interpreter again, and forget afterwards what was found."""
-    python_call._find_services.cache_clear()
-    yield monkeypatch
-    monkeypatch.undo()
-    python_call._find_services.cache_clear()
-
-
 def draw(spec, seed):
     rng = np.random.default_rng(seed)
     return [rng.uniform(-1, 1, port.shape) + 2.0 * port.shared for port in spec.inputs]
@@ -57,13 +48,20 @@ def read_bytes(arrays):
     return [(array.shape, array.dtype, array.tobytes()) for array in arrays]
 
 
-needs_cpython = pytest.mark.skipif(
-    sys.implementation.name != "cpython" or object.__basicsize__ != 16,
-    reason="wants CPython for 64 bits with its global lock",
-)
+def run_together(run, count):
+    """Call `run(k)` in `count` threads that take turns as often as can be."""
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        threads = [threading.Thread(target=run, args=(seed,)) for seed in range(count)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    finally:
+        sys.setswitchinterval(interval)
 
 
-@needs_cpython
 @pytest.mark.parametrize("name", NAMES)
 def test_a_built_in_function_gives_the_bytes_of_the_call_through_ctypes(library, name):
     bound, spec = library.bind(name), find_spec(library, name)
@@ -194,6 +192,33 @@ def test_no_reference_is_lost_or_kept(library):
     assert counts[0] == counts[1]
 
 
+def test_a_hundred_thousand_calls_leave_no_memory_behind(library):
+    bound, spec = library.bind("inverse_dynamics"), find_spec(library, "inverse_dynamics")
+    keeping = library.bind("inverse_dynamics", out=(np.empty(spec.outputs[0].shape),))
+    values, wrong = draw(spec, 2), np.ones(9)
+
+    def call(times):
+        for _ in range(times):
+            bound(*values), keeping(*values)
+        for _ in range(times // 100):
+            with contextlib.suppress(UsageError):
+                bound(wrong, *values[1:])
+
+    call(200)
+    gc.collect()
+    tracemalloc.start()
+    try:
+        before, _ = tracemalloc.get_traced_memory()
+        call(100_000)
+        gc.collect()
+        after, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    # One array a call would be ten megabytes.
+    assert after - before < 20_000
+    assert peak - before < 200_000
+
+
 def test_all_that_a_call_reads_lives_and_dies_with_the_function(library):
     class Asked:
         def __init__(self, call):
@@ -205,9 +230,7 @@ def test_all_that_a_call_reads_lives_and_dies_with_the_function(library):
     spec = find_spec(library, "gravity")
     asked = Asked(library._bind_slowly(spec))
     watched = weakref.ref(asked)
-    bound = find_python_call(library._shared, library._prefix, spec, asked)
-    if bound is None:
-        pytest.skip("wants CPython for 64 bits with its global lock")
+    bound = library._calls.bind("gravity", asked, None)
     del asked
     gc.collect()
     values = draw(spec, 3)
@@ -215,6 +238,21 @@ def test_all_that_a_call_reads_lives_and_dies_with_the_function(library):
     del bound
     gc.collect()
     assert watched() is None
+
+
+def test_two_threads_with_a_function_each(library):
+    spec = find_spec(library, "inverse_dynamics")
+    wrong = []
+
+    def run(seed):
+        values = draw(spec, seed)
+        out = (np.empty(spec.outputs[0].shape),)
+        bound = library.bind("inverse_dynamics", out=out)
+        wanted = read_bytes(library.evaluate("inverse_dynamics", *values))
+        wrong.extend(seed for _ in range(5000) if read_bytes(bound(*values)) != wanted)
+
+    run_together(run, 2)
+    assert wrong == []
 
 
 def test_one_function_in_many_threads(library):
@@ -226,12 +264,8 @@ def test_one_function_in_many_threads(library):
         wanted = read_bytes(library.evaluate("inverse_dynamics", *values))
         wrong.extend(seed for _ in range(2000) if read_bytes(bound(*values)) != wanted)
 
-    threads = [threading.Thread(target=run, args=(seed,)) for seed in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert type(bound) is not BuiltinFunctionType or wrong == []
+    run_together(run, 4)
+    assert wrong == []
 
 
 def check_fallback(library):
@@ -242,70 +276,90 @@ def check_fallback(library):
     assert read_bytes(bound(*values)) == read_bytes(library.evaluate("inverse_dynamics", *values))
 
 
-def test_another_interpreter_goes_through_ctypes(library, fresh):
-    fresh.setattr(sys.implementation, "name", "another")
-    check_fallback(library)
+def hide_folder(monkeypatch, name, folder):
+    """Look for headers `name` in an empty folder."""
+    found = sysconfig.get_path
+    monkeypatch.setattr(sysconfig, "get_path", lambda key: str(folder) if key == name else found(key))
 
 
-def test_an_interpreter_with_a_larger_head_goes_through_ctypes(library, fresh):
-    """As free-threaded and tracing builds have it."""
-
-    class Larger(ctypes.Structure):
-        _fields_ = (("thread", ctypes.c_size_t), *python_call._Object._fields_)
-
-    fresh.setattr(python_call, "_Object", Larger)
-    check_fallback(library)
+def change_configuration(monkeypatch, values):
+    found = sysconfig.get_config_var
+    monkeypatch.setattr(sysconfig, "get_config_var", lambda key: values.get(key, found(key)))
 
 
-def test_an_interpreter_without_a_service_goes_through_ctypes(library, fresh):
-    fresh.setattr(python_call, "_SERVICES", (*python_call._SERVICES[:-1], "PyNothing_OfThisName"))
-    check_fallback(library)
+HIDE = {
+    "Python.h is not installed": lambda patch, folder: hide_folder(patch, "include", folder),
+    "arrayobject.h is not installed": lambda patch, folder: patch.setattr(np, "get_include", lambda: folder),
+    "no limited API": lambda patch, _: change_configuration(patch, {"Py_GIL_DISABLED": 1}),
+    "not CPython": lambda patch, _: patch.setattr(sys.implementation, "name", "another"),
+}
 
 
-FIELDS = python_call._Array._fields_
+@pytest.mark.parametrize("reason", sorted(HIDE))
+def test_what_the_limited_api_cannot_serve_ctypes_does_and_says_why(
+    library, project, tmp_path, monkeypatch, reason
+):
+    """A library that is made then has no extension module, and its entry is another one."""
+    wanted = find_call_path()
+    assert (wanted.name.startswith("Python's limited API"), wanted.remedy) == (True, "")
+    HIDE[reason](monkeypatch, str(tmp_path))
+    path = find_call_path()
+    assert path.name.startswith("ctypes: ")
+    assert reason in path.name
+    assert path.flags == ()
+    assert bool(path.remedy) == ("installed" in reason)
+    robot = read_robot(project / "robots" / "two_link.toml")
+    made = prepare_library(robot, names=NAMES, cache=library._binary.parent.parent)
+    assert made._binary != library._binary
+    assert not (made._binary.parent / "python_call.c").exists()
+    check_fallback(made)
+    # Nor is the extension module of a library used that was made before.
+    check_fallback(load_library(library._binary.parent))
 
 
-@pytest.mark.parametrize(
-    "fields",
-    [
-        [FIELDS[0], ("new", ctypes.c_size_t), *FIELDS[1:]],
-        [FIELDS[0], FIELDS[3], FIELDS[2], FIELDS[1], *FIELDS[4:]],
-        [*FIELDS[:3], FIELDS[4], FIELDS[3], *FIELDS[5:]],
-        [*FIELDS[:5], FIELDS[6], FIELDS[5], FIELDS[7]],
-        [*FIELDS[:7], ("new", ctypes.c_size_t), FIELDS[7]],
-        [*FIELDS, ("more", ctypes.c_char * np.ndarray.__basicsize__)],
-    ],
-)
-def test_arrays_that_are_laid_out_in_another_way_go_through_ctypes(library, fresh, fields):
-    other = type("Other", (ctypes.Structure,), {"_fields_": fields})
-    fresh.setattr(python_call, "_Array", other)
-    check_fallback(library)
+def test_both_ways_give_the_same_bytes_and_refuse_the_same(library, project, tmp_path, monkeypatch):
+    hide_folder(monkeypatch, "include", tmp_path)
+    slow = load_library(library._binary.parent)
+    for name in NAMES:
+        spec = find_spec(library, name)
+        shapes = [port.shape for port in spec.outputs]
+        kept, slowly_kept = (tuple(map(np.empty, shapes)) for _ in range(2))
+        pairs = (
+            (library.bind(name), slow.bind(name)),
+            (library.bind(name, out=kept), slow.bind(name, out=slowly_kept)),
+        )
+        for seed in range(20):
+            values = draw(spec, seed)
+            for quick, ask in pairs:
+                assert read_bytes(quick(*values)) == read_bytes(ask(*values))
+        wrong = [np.ones(9), *values[1:]]
+        for quick, ask in pairs:
+            for given in (wrong, values[1:], [None, *values[1:]]):
+                texts = []
+                for call in (quick, ask):
+                    with pytest.raises(UsageError) as caught:
+                        call(*given)
+                    texts.append(str(caught.value))
+                assert texts[0] == texts[1]
 
 
-def test_a_structure_of_another_size_goes_through_ctypes(library, fresh):
-    class Larger(python_call._Bound):
-        _fields_ = (("more", ctypes.c_size_t),)
-
-    fresh.setattr(python_call, "_Bound", Larger)
-    check_fallback(library)
-
-
-@pytest.mark.parametrize("most", ["_MOST_PORTS", "_MOST_AXES"])
-def test_a_function_beyond_the_declarations_goes_through_ctypes(library, fresh, most):
-    fresh.setattr(python_call, most, 0)
-    check_fallback(library)
-
-
-def test_a_function_that_disagrees_with_ctypes_is_not_used(library):
-    spec = find_spec(library, "gravity")
-    right = library._bind_slowly(spec)
-    answers = {
-        "next": lambda *values: (np.nextafter(right(*values)[0], np.inf),),
-        "shape": lambda *values: (right(*values)[0][None],),
-        "count": lambda *values: (*right(*values), np.zeros(1)),
-    }
-    for ask in answers.values():
-        assert find_python_call(library._shared, library._prefix, spec, ask) is None
+def test_an_extension_module_that_does_not_load_is_an_error(tmp_path, c_compiler):
+    """As one that was compiled for another NumPy."""
+    source = tmp_path / "x.c"
+    text = 'PyMODINIT_FUNC PyInit_x(void) { PyErr_SetString(PyExc_ImportError, "old"); return NULL; }'
+    source.write_text(f"#include <Python.h>\n{text}\n")
+    command = [
+        c_compiler,
+        *find_call_path().flags,
+        "-fPIC",
+        "-shared",
+        str(source),
+        "-o",
+        str(tmp_path / "x.so"),
+    ]
+    subprocess.run(command, check=True)
+    with pytest.raises(GenerationError, match="cannot be loaded: old"):
+        load_calls(tmp_path / "x.so", "x")
 
 
 def test_a_library_without_the_calls_goes_through_ctypes(library, project, tmp_path, c_compiler):
@@ -350,7 +404,8 @@ def test_the_source_compiles_without_a_warning_and_hands_an_error_to_python(tmp_
     (tmp_path / "t.h").write_text(HEADER)
     (tmp_path / "twice.c").write_text(SOURCE)
     (tmp_path / "python_call.c").write_text(write_python_call(card, "t"))
-    command = [compiler, *STRICT, "-fPIC", "-shared", "twice.c", "python_call.c", "-o", "t.so"]
+    flags = (*STRICT, *find_call_path().flags, "-fPIC", "-shared")
+    command = [compiler, *flags, "twice.c", "python_call.c", "-o", "t.so"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     asked = []
@@ -363,10 +418,10 @@ def test_the_source_compiles_without_a_warning_and_hands_an_error_to_python(tmp_
             raise ValueError(message)
         return (2.0 * x,)
 
-    bound = find_python_call(ctypes.CDLL(str(tmp_path / "t.so")), "t", card.functions[0], ask)
-    if bound is None:
-        pytest.skip("wants CPython for 64 bits with its global lock")
-    asked.clear()
+    calls = load_calls(tmp_path / "t.so", "t")
+    with pytest.raises(KeyError, match="thrice"):
+        calls.bind("thrice", ask, None)
+    bound = calls.bind("twice", ask, None)
     np.testing.assert_array_equal(bound(np.array([1.0, 2.0]), np.empty(0))[0], [2.0, 4.0])
     assert asked == []
     with pytest.raises(ValueError, match="refused"):
@@ -444,14 +499,5 @@ def test_lists_from_many_threads_do_not_mix(library):
         given, wanted = [value.tolist() for value in values], read_bytes(bound(*values))
         wrong.extend(seed for _ in range(3000) if read_bytes(bound(*given)) != wanted)
 
-    interval = sys.getswitchinterval()
-    sys.setswitchinterval(1e-6)
-    try:
-        threads = [threading.Thread(target=run, args=(seed,)) for seed in range(4)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-    finally:
-        sys.setswitchinterval(interval)
+    run_together(run, 4)
     assert wrong == []
