@@ -4,12 +4,14 @@ Input: a table and the inputs of a function. Output: an algebra over references,
 
 It is pure Python and merges equal expressions at once, so that a route is counted in milliseconds.
 
-Supported: everything the recursion needs, numbers as doubles nearest to the exact ones.
-Not supported: symbolic lengths without a value.
+Supported: everything the recursion needs, numbers as doubles nearest to the exact ones, or exact ones kept as
+inputs of their own, symbolic lengths with them.
+Not supported: doubles of symbolic lengths without a value.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from fractions import Fraction
 
 from symid.algebra.scalar import State, spread_coordinates
 from symid.codegen.instructions import Op
@@ -17,15 +19,25 @@ from symid.codegen.values import ValueTable
 from symid.robot.description import Robot
 from symid.robot.geometry import Exact
 
-__all__ = ["ValueAlgebra", "build_value_state"]
+__all__ = ["NUMBERS", "ValueAlgebra", "build_value_state"]
+
+NUMBERS = -2
+"""The port whose elements are the exact numbers of an algebra that keeps them."""
+_DYADIC = {Exact.of(value): value for value in (0.0, 0.5, 1.0, 2.0, -0.5, -1.0, -2.0)}
+_SHORT_DENOMINATOR = 10**6
 
 
 @dataclass(frozen=True, slots=True)
 class ValueAlgebra:
-    """References to `table`; `symbols` holds the values of symbolic lengths in m."""
+    """References to `table`; `symbols` holds the values of symbolic lengths in m.
+
+    `numbers` collects the exact numbers that doubles would round, symbolic lengths among them, in the order
+    of the elements of the port `NUMBERS`; None where numbers become doubles.
+    """
 
     table: ValueTable
     symbols: Mapping[str, float] = field(default_factory=dict)
+    numbers: dict[Exact, int] | None = None
 
     @property
     def zero(self) -> int:
@@ -38,8 +50,16 @@ class ValueAlgebra:
         return self.table.constant(1.0)
 
     def constant(self, value: Exact) -> int:
-        """Return the double nearest to `value`."""
-        return self.table.constant(value.to_float(self.symbols))
+        """Return `value`, or the double nearest to it."""
+        if self.numbers is None:
+            return self.table.constant(value.to_float(self.symbols))
+        if value in _DYADIC:
+            return self.table.constant(_DYADIC[value])
+        if -value in self.numbers:
+            return -self.numbers[-value]
+        if value not in self.numbers:
+            self.numbers[value] = self.table.input(NUMBERS, len(self.numbers))
+        return self.numbers[value]
 
     def add(self, left: int, right: int) -> int:
         """Return left + right."""
@@ -79,7 +99,12 @@ class ValueAlgebra:
 
     def scale(self, factor: float, value: int) -> int:
         """Return factor * value."""
-        return self.table.mul(self.table.constant(factor), value)
+        if self.numbers is None:
+            return self.table.mul(self.table.constant(factor), value)
+        # The inverse of a decimal is meant as that, 100/3 and not its first sixteen digits.
+        short = Fraction(factor).limit_denominator(_SHORT_DENOMINATOR)
+        exact = Exact.of(short) if float(short) == factor else Exact.of(factor)
+        return self.table.mul(self.constant(exact), value)
 
     def tanh(self, value: int) -> int:
         """Return the hyperbolic tangent."""

@@ -4,7 +4,7 @@ Input: a robot, its base parameters, an entry of the catalogue. Output: `Workspa
 
 A coordinate that is not an input of the function is zero: gravity is inverse dynamics at rest.
 
-Supported: rigid robots, symbolic lengths with a value.
+Supported: rigid robots, symbolic lengths with a value; without one where the workspace is exact.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -108,11 +108,14 @@ def build_workspace(
     spec: FunctionSpec,
     turns: Mapping[int, float] | None = None,
     constants: Constants | None = None,
+    *,
+    exact: bool = False,
 ) -> Workspace:
     """Return a new workspace for the function `spec`.
 
     `turns` are constant turns of joints (see `turns`) that are added to the joints' angles; the others are
-    part of the placements. `constants` are values of vectors that are no inputs of the function.
+    part of the placements. `constants` are values of vectors that are no inputs of the function. `exact`
+    keeps numbers and symbolic lengths as they are, see `ValueAlgebra.numbers`.
     """
     turns = turns or {}
     table = ValueTable()
@@ -124,7 +127,7 @@ def build_workspace(
         inputs[port.name] = tuple(table.input(number, element) for element in range(port.size))
     for name, values in (constants or {}).items():
         inputs[name] = tuple(map(table.constant, values))
-    algebra = ValueAlgebra(table, dict(robot.symbols))
+    algebra = ValueAlgebra(table, dict(robot.symbols), {} if exact else None)
     state = build_value_state(robot, algebra, (inputs["q"], inputs["dq"], inputs["ddq"]), turns)
     return Workspace(
         base=base,

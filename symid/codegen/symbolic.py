@@ -1,0 +1,312 @@
+"""The catalogue as exact SymPy expressions.
+
+Input: a robot, the name of a function. Output: `SymbolicFunction`: symbols of the inputs, matrices of the
+outputs, numbers as the robot file writes them, roots as roots, symbolic lengths as symbols.
+
+Robot -> BaseParameters -> routes over exact numbers -> the program that is shortest written out -> SymPy.
+
+Supported: every function of the catalogue; symbolic lengths, with a value or without.
+"""
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import sympy
+from sympy import Expr, ImmutableDenseMatrix, Rational, Symbol
+
+from symid.algebra.display import write_left
+from symid.algebra.exact import find_symbols
+from symid.codegen.catalogue import find_robot_specs
+from symid.codegen.expressions import count_written_out, share_values, write_values
+from symid.codegen.functions import FunctionSpec, Port
+from symid.codegen.instructions import Program
+from symid.codegen.polynomials import Source
+from symid.codegen.routes import ROUTES
+from symid.codegen.springs import list_spring_parameters
+from symid.codegen.workspace import build_workspace
+from symid.errors import Notice, UsageError
+from symid.notation import SYMBOLS
+from symid.parameters.base import BaseParameters, build_standard_parameters, find_base_parameters
+from symid.robot.description import Robot
+
+__all__ = ["Entry", "SymbolicFunction", "derive_symbolic"]
+
+Entry: TypeAlias = Expr | ImmutableDenseMatrix | tuple[ImmutableDenseMatrix, ...]
+"""An output: a scalar, a column or matrix, or one matrix a link."""
+
+_LONGEST_PRINT = 20_000
+_LATEX = {symbol.name: symbol.latex for symbol in SYMBOLS}
+_LATEX |= {"dddq": r"\dddot q", "ddddq": r"\ddddot q", "dqr": r"\dot q_r", "ddqr": r"\ddot q_r"}
+_OUTPUTS = {
+    "Yr": "Y_r",
+    "YL": "Y_L",
+    "Yf": "Y_f",
+    "hT": "h_T",
+    "hV": "h_V",
+    "tau_f": r"\tau_f",
+    "P_next": "P^+",
+    "Q_next": "Q^+",
+    "dtau_dq": r"\frac{\partial \tau}{\partial q}",
+    "dtau_ddq": r"\frac{\partial \tau}{\partial \dot q}",
+    "dtau_dddq": r"\frac{\partial \tau}{\partial \ddot q}",
+}
+_INDEXED = re.compile(r"^(?P<letter>[^_^]+)(_\{?(?P<below>[^{}^]+)\}?)?(?P<above>\^.+)?$")
+_NUMBERED = re.compile(r"^(?P<letter>[A-Za-z_]+?)(?P<place>c|\d*)_?(?P<number>\d+)$")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SymbolicFunction:
+    """A function of the catalogue in exact symbols.
+
+    Short polynomials are collected by parameters, then by sines and cosines. What is longer is nested, as the
+    recursion makes it: nothing is expanded or simplified.
+
+    Attributes:
+        name: in the catalogue. meaning: in words.
+        inputs: per input a column of symbols, in the order of the catalogue.
+        outputs: per output a scalar, a column or matrix, or for shape (links, 3, 3) a matrix a link.
+        units: of inputs and outputs, for revolute joints.
+        lengths: the symbolic lengths that take part and their values in m, None of one that has none.
+        operations: sums, products and functions when every output is written out.
+        route: how the expressions were derived.
+        names: the LaTeX of the symbols.
+        source: the program behind the expressions.
+    """
+
+    name: str
+    meaning: str
+    inputs: Mapping[str, ImmutableDenseMatrix]
+    outputs: Mapping[str, Entry]
+    units: Mapping[str, str]
+    lengths: Mapping[Symbol, Rational | None]
+    operations: int
+    route: str
+    names: Mapping[Symbol, str]
+    source: Source
+
+    @property
+    def expr(self) -> Entry:
+        """Return the output of a function that has one only.
+
+        Raises:
+            UsageError: there are several; take one from `outputs`.
+        """
+        if len(self.outputs) > 1:
+            text = f"function '{self.name}' has the outputs {', '.join(self.outputs)}; take one by its name"
+            raise UsageError(Notice(code="usage.several-outputs", text=text))
+        return next(iter(self.outputs.values()))
+
+    def __getitem__(self, name: str) -> Entry:
+        """Return the output called `name`."""
+        return self.outputs[name]
+
+    def __repr__(self) -> str:
+        """Return the call in one line, as mass_matrix(q, beta) -> M."""
+        return f"{self.name}({', '.join(self.inputs)}) -> {', '.join(self.outputs)}"
+
+    def share(self) -> tuple[tuple[tuple[Symbol, Expr], ...], Mapping[str, Entry]]:
+        """Return the outputs with a symbol for every value that is used more than once.
+
+        The definitions come first, each before it is used: the form of `sympy.cse`, with about as many
+        operations as generated code has, however long the outputs are when written out.
+        """
+        steps, values = share_values(self.source)
+        return steps, _shape_outputs(self.source.program.spec, values)
+
+    def lambdify(self, modules: str = "numpy") -> Callable[..., Any]:
+        """Return a Python function of one array an input that returns the list of outputs.
+
+        Like `sympy.lambdify` with `cse`, but from `share`, so that nothing needs to be searched for.
+
+        Args:
+            modules: as in `sympy.lambdify`: "numpy", "math", "mpmath", "jax".
+        """
+        steps, outputs = self.share()
+        arguments = (*self.inputs.values(), *([tuple(self.lengths)] if self.lengths else ()))
+        reduced = list(outputs.values())
+
+        def share(_expressions: object, **_options: object) -> tuple[object, object]:
+            return steps, reduced
+
+        function: Callable[..., Any] = sympy.lambdify(arguments, reduced, modules=modules, cse=share)
+        return function
+
+    def latex(self) -> str:
+        """Return one equation a line, output = expression, with the letters of `symid.notation`.
+
+        Raises:
+            UsageError: the expressions would fill a book.
+        """
+        if self.operations > _LONGEST_PRINT:
+            text = (
+                f"function '{self.name}' has {self.operations} operations when written out, more than "
+                f"{_LONGEST_PRINT}; print entries of `outputs`, or the steps of `share()`"
+            )
+            raise UsageError(Notice(code="usage.too-long", text=text))
+        return "\n".join(self._write_equations())
+
+    def _write_equations(self) -> Iterator[str]:
+        def write(value: Expr | ImmutableDenseMatrix) -> str:
+            return str(sympy.latex(value, symbol_names=self.names, mat_str="bmatrix", mat_delim=""))
+
+        for name, value in self.outputs.items():
+            left = _OUTPUTS.get(name) or _LATEX.get(name, name)
+            if isinstance(value, tuple):
+                yield from (
+                    f"{_write_index(left, str(k))} = {write(m)}" for k, m in enumerate(value, start=1)
+                )
+            else:
+                yield f"{left} = {write(value)}"
+
+    def _repr_latex_(self) -> str | None:
+        """Return the equations for a notebook, None where they are too long."""
+        if self.operations > _LONGEST_PRINT:
+            return None
+        rows = r" \\ ".join(line.replace(" = ", " &= ", 1) for line in self._write_equations())
+        return rf"$$\begin{{aligned}} {rows} \end{{aligned}}$$"
+
+
+def _write_index(letter: str, *indices: str) -> str:
+    r"""Return a letter in LaTeX with indices behind those it has: F_v^+ and 1 give F_{v,1}^+."""
+    match = _INDEXED.match(letter)
+    if match is None:
+        return rf"{{{letter}}}_{{{','.join(indices)}}}"
+    below = ",".join(part for part in (match["below"], *indices) if part)
+    return f"{match['letter']}_{{{below}}}{match['above'] or ''}"
+
+
+def _write_name(name: str) -> str:
+    """Return a symbol in LaTeX: dq1, Fv2, k1_2; of other names what lessons write."""
+    match = _NUMBERED.match(name)
+    if match and match["letter"] + match["place"] in _LATEX:
+        return _write_index(_LATEX[match["letter"] + match["place"]], match["number"])
+    if match and match["letter"] in _LATEX:
+        places = (match["place"],) if match["place"] else ()
+        return _write_index(_LATEX[match["letter"]], *places, match["number"])
+    return write_left(name)
+
+
+def _list_names(robot: Robot, base: BaseParameters, port: Port) -> list[str]:
+    """Return the names of the elements of an input, numbered as the joints are."""
+    numbers = [index + 1 for index in robot.coordinates]
+    if port.name == base.vector:
+        return [parameter.name for parameter in base.parameters]
+    if port.name == "f":
+        return [parameter.name for parameter in base.friction]
+    if port.name == "h":
+        return [parameter.name for parameter in list_spring_parameters(robot)]
+    if port.name in ("P", "Q"):
+        return [
+            f"{port.name}{place}_{number}"
+            for number, joint in zip(numbers, robot.axes, strict=True)
+            if joint.elasticity is not None
+            for place, _ in enumerate(joint.elasticity.stops, start=1)
+        ]
+    return [f"{port.name}{number}" for number in numbers]
+
+
+def _find_inputs(
+    robot: Robot, base: BaseParameters, spec: FunctionSpec, symbols: Mapping[str, Sequence[Expr]]
+) -> dict[str, ImmutableDenseMatrix]:
+    """Return the column of every input, from `symbols` where it is given."""
+    known = [port.name for port in spec.inputs]
+    for name in symbols:
+        if name not in known:
+            text = f"symbols: function '{spec.name}' has no input '{name}'; it has {', '.join(known)}"
+            raise UsageError(Notice(code="usage.unknown-input", text=text))
+    inputs = {}
+    for port in spec.inputs:
+        given = symbols.get(port.name)
+        values = list(map(Symbol, _list_names(robot, base, port))) if given is None else list(given)
+        if len(values) != port.size:
+            text = (
+                f"symbols: input '{port.name}' of '{spec.name}' has {port.size} elements, got {len(values)}"
+            )
+            raise UsageError(Notice(code="usage.wrong-symbols", text=text))
+        inputs[port.name] = ImmutableDenseMatrix(port.size, 1, values)
+    return inputs
+
+
+def _shape_outputs(spec: FunctionSpec, values: Sequence[Sequence[Expr]]) -> dict[str, Entry]:
+    def shape(port: Port, entries: Sequence[Expr]) -> Entry:
+        if port.shape == (1,):
+            return entries[0]
+        if len(port.shape) <= 2:
+            return ImmutableDenseMatrix(*(*port.shape, 1)[:2], entries)
+        _, rows, columns = port.shape
+        size = rows * columns
+        starts = range(0, port.size, size)
+        return tuple(ImmutableDenseMatrix(rows, columns, entries[k : k + size]) for k in starts)
+
+    return {port.name: shape(port, part) for port, part in zip(spec.outputs, values, strict=True)}
+
+
+def _find_source(
+    robot: Robot, base: BaseParameters, spec: FunctionSpec, inputs: Mapping[str, ImmutableDenseMatrix]
+) -> tuple[str, Source]:
+    """Return the route whose formulas are shortest, and what it computes."""
+    workspace = build_workspace(robot, base, spec, exact=True)
+    programs: dict[str, Program] = {}
+    for route, build in ROUTES[spec.name].items():
+        instructions, outputs = workspace.table.collect(workspace.recall(build))
+        programs[route] = Program(spec=spec, instructions=instructions, outputs=outputs)
+    chosen = min(programs, key=lambda route: count_written_out(programs[route]))
+    return chosen, Source(
+        program=programs[chosen],
+        numbers=tuple(workspace.algebra.numbers or ()),
+        inputs=tuple(tuple(column) for column in inputs.values()),
+    )
+
+
+def derive_symbolic(
+    robot: Robot,
+    name: str,
+    *,
+    standard: bool = False,
+    base: BaseParameters | None = None,
+    symbols: Mapping[str, Sequence[Expr]] | None = None,
+) -> SymbolicFunction:
+    """Return a function of the catalogue as exact SymPy expressions.
+
+    Of the routes to the function (recursions, regressors, differentiation of the energy) the one is taken
+    whose formulas are shortest. Equal robots give equal expressions, whatever the hash seed.
+
+    Args:
+        robot: the robot.
+        name: of the function, such as "mass_matrix".
+        standard: whether the function takes the standard parameters pi in place of beta.
+        base: the base parameters of `robot` where they are known already.
+        symbols: own expressions for inputs, per input as many as it has elements, for example
+            {"q": dynamicsymbols("q1 q2")}; others are q1.., dq1.., and the names of the parameters (ZZR1).
+
+    Raises:
+        UsageError: the catalogue has no such function for this robot, or `symbols` do not fit it.
+    """
+    if standard or base is None:
+        base = build_standard_parameters(robot) if standard else find_base_parameters(robot)
+    specs = {spec.name: spec for spec in find_robot_specs(robot, base)}
+    if name not in specs:
+        text = f"function '{name}' is not in the catalogue; there are {', '.join(specs)}"
+        raise UsageError(Notice(code="usage.unknown-function", text=text))
+    spec = specs[name]
+    inputs = _find_inputs(robot, base, spec, symbols or {})
+    route, source = _find_source(robot, base, spec, inputs)
+    values = dict(robot.symbols)
+    flat = [entry for column in inputs.values() for entry in column]
+    return SymbolicFunction(
+        name=name,
+        meaning=spec.meaning,
+        inputs=inputs,
+        outputs=_shape_outputs(spec, write_values(source)),
+        units={port.name: port.unit for port in (*spec.inputs, *spec.outputs)},
+        lengths={
+            Symbol(length): Rational(repr(values[length])) if length in values else None
+            for length in find_symbols(robot)
+        },
+        operations=count_written_out(source.program),
+        route=route,
+        names={entry: _write_name(entry.name) for entry in flat if isinstance(entry, Symbol)},
+        source=source,
+    )
