@@ -28,13 +28,27 @@ from symid.codegen.calls import (
     keep_outputs,
 )
 from symid.codegen.functions import FunctionSpec, ModelCard
-from symid.codegen.python_call import find_python_call
+from symid.codegen.python_call import load_calls
 from symid.errors import GenerationError, Notice, UsageError
 
-__all__ = ["CompiledLibrary", "PythonLibrary", "import_module"]
+__all__ = [
+    "CompiledLibrary",
+    "PythonLibrary",
+    "fail_stale",
+    "hand_over",
+    "import_module",
+    "open_shared",
+    "read_digest",
+    "separate",
+]
 
 
-def _open(binary: Path) -> ctypes.CDLL:
+def open_shared(binary: Path) -> ctypes.CDLL:
+    """Return the shared library.
+
+    Raises:
+        GenerationError: it does not load on this machine.
+    """
     try:
         return ctypes.CDLL(str(binary))
     except OSError as error:
@@ -42,7 +56,8 @@ def _open(binary: Path) -> ctypes.CDLL:
         raise GenerationError(Notice(code="codegen.cannot-load", text=text, file=str(binary))) from error
 
 
-def _read_digest(shared: ctypes.CDLL, prefix: str) -> str:
+def read_digest(shared: ctypes.CDLL, prefix: str) -> str:
+    """Return what a library says it was built from, nothing if it says nothing."""
     try:
         call = getattr(shared, f"{prefix}_digest")
     except AttributeError:
@@ -51,21 +66,23 @@ def _read_digest(shared: ctypes.CDLL, prefix: str) -> str:
     return str((call() or b"").decode("ascii", "replace"))
 
 
-def _fail_stale(binary: Path) -> UsageError:
+def fail_stale(binary: Path) -> UsageError:
+    """Return the error for a library of other sources than those beside it."""
     text = "was built from other sources than those beside it; run `make clean shared` in its folder"
     return UsageError(Notice(code="usage.stale-library", text=text, file=str(binary)))
 
 
-def _open_built(binary: Path, prefix: str, digest: str) -> ctypes.CDLL:
-    shared = _open(binary)
-    if _read_digest(shared, prefix) == digest:
-        return shared
+def _open_built(binary: Path, prefix: str, digest: str) -> tuple[ctypes.CDLL, ModuleType | None]:
+    shared = open_shared(binary)
+    if read_digest(shared, prefix) == digest:
+        return shared, load_calls(binary, prefix)
     # The loader gives back what it already has under a name: look at the file as it is now.
     with tempfile.TemporaryDirectory(prefix="symid-") as scratch:
-        shared = _open(Path(shutil.copy(binary, scratch)))
-    if _read_digest(shared, prefix) != digest:
-        raise _fail_stale(binary)
-    return shared
+        copied = Path(shutil.copy(binary, scratch))
+        shared = open_shared(copied)
+        if read_digest(shared, prefix) != digest:
+            raise fail_stale(binary)
+        return shared, load_calls(copied, prefix)
 
 
 _Room = tuple[tuple[FloatArray, ...], tuple[FloatArray, ...], tuple[ctypes.c_void_p, ...]]
@@ -106,13 +123,13 @@ class CompiledLibrary:
         self._binary = binary
         self._prefix = prefix
         self._dtype = np.float32 if precision == "float" else np.float64
-        self._shared = _open_built(binary, prefix, digest)
+        self._shared, self._calls = _open_built(binary, prefix, digest)
 
     def _find_symbol(self, name: str) -> Callable[..., int]:
         try:
             symbol = getattr(self._shared, f"{self._prefix}_{name}")
         except AttributeError as error:
-            raise _fail_stale(self._binary) from error
+            raise fail_stale(self._binary) from error
         symbol.restype = ctypes.c_int
         found: Callable[..., int] = symbol
         return found
@@ -129,7 +146,7 @@ class CompiledLibrary:
         spec = find_spec(self.card, name)
         samples, arrays = check_inputs(self.card, spec, inputs)
         kept = None if out is None else check_outputs(self.card, spec, samples, out)
-        given = [np.asarray(array, dtype=self._dtype) for array in _separate(arrays, kept or ())]
+        given = [np.asarray(array, dtype=self._dtype) for array in separate(arrays, kept or ())]
         if kept is not None and self._dtype is np.float64:
             outputs = kept
         else:
@@ -139,7 +156,7 @@ class CompiledLibrary:
         status = self._find_symbol(f"{name}_batch")(count, *pointers)
         if status:
             raise _fail_call(name, status)
-        return _hand_over(outputs, kept)
+        return hand_over(outputs, kept)
 
     def bind(self, name: str, *, out: Sequence[FloatArray] | None = None) -> Call:
         """Return function `name` for one sample; see `Library`.
@@ -149,13 +166,11 @@ class CompiledLibrary:
         """
         spec = find_spec(self.card, name)
         kept = None if out is None else check_outputs(self.card, spec, None, out)
-        ask = self._bind_slowly(spec)
-        is_double = self._dtype is np.float64
-        ask_kept = keep_outputs(self.card, spec, ask, kept)
-        quick = None
-        if is_double:
-            quick = find_python_call(self._shared, self._prefix, spec, ask, kept=kept, ask_kept=ask_kept)
-        return quick or ask_kept
+        ask = keep_outputs(self.card, spec, self._bind_slowly(spec), kept)
+        if self._calls is None:
+            return ask
+        quick: Call = self._calls.bind(name, ask, kept)
+        return quick
 
     def _bind_slowly(self, spec: FunctionSpec) -> Call:
         """Return a function through ctypes, which takes all that can be converted."""
@@ -163,19 +178,9 @@ class CompiledLibrary:
         call, dtype = self._find_symbol(spec.name), self._dtype
         # Room of calls that are over. A call has its own: ctypes lets other threads run, which may call too.
         spare: list[_Room] = []
-        shapes, double = tuple(port.shape for port in spec.inputs), np.dtype(np.float64)
-
-        def is_usual(values: tuple[FloatArray, ...]) -> bool:
-            if len(values) != len(shapes):
-                return False
-            for value, shape in zip(values, shapes, strict=True):
-                if type(value) is not np.ndarray or value.shape != shape or value.dtype is not double:
-                    return False
-            return True
 
         def evaluate_one(*values: FloatArray) -> tuple[FloatArray, ...]:
-            # The usual case is told in a few comparisons; anything else is converted or refused.
-            given = values if is_usual(values) else check_sample(card, spec, values)
+            given = check_sample(card, spec, values)
             try:
                 room = spare.pop()
             except IndexError:
@@ -193,7 +198,7 @@ class CompiledLibrary:
         return evaluate_one
 
 
-def _separate(arrays: tuple[FloatArray, ...], kept: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:
+def separate(arrays: tuple[FloatArray, ...], kept: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:
     """Return `arrays`, copied where they share memory with what is about to be written."""
     return tuple(
         array.copy() if any(np.may_share_memory(array, output) for output in kept) else array
@@ -201,9 +206,8 @@ def _separate(arrays: tuple[FloatArray, ...], kept: tuple[FloatArray, ...]) -> t
     )
 
 
-def _hand_over(
-    outputs: tuple[FloatArray, ...], kept: tuple[FloatArray, ...] | None
-) -> tuple[FloatArray, ...]:
+def hand_over(outputs: tuple[FloatArray, ...], kept: tuple[FloatArray, ...] | None) -> tuple[FloatArray, ...]:
+    """Return `outputs` as doubles, written to the arrays `kept` of a caller if there are any."""
     if kept is None:
         return tuple(np.asarray(output, dtype=np.float64) for output in outputs)
     for target, output in zip(kept, outputs, strict=True):
@@ -249,9 +253,9 @@ class PythonLibrary:
         spec = find_spec(self.card, name)
         samples, arrays = check_inputs(self.card, spec, inputs)
         kept = None if out is None else check_outputs(self.card, spec, samples, out)
-        arrays = _separate(arrays, kept or ())
+        arrays = separate(arrays, kept or ())
         if samples is None or samples <= _CHUNK:
-            return _hand_over(self._call(name, arrays), kept)
+            return hand_over(self._call(name, arrays), kept)
         outputs = kept or tuple(allocate(port, samples, np.float64) for port in spec.outputs)
         for start in range(0, samples, _CHUNK):
             piece = slice(start, start + _CHUNK)

@@ -8,7 +8,7 @@ compiler, with which flags, passed the self-test, and what it made of every func
 the compiler ran, after the files, and no file's digest covers it; a digest of the manifest's other entries is
 in it, which tells when somebody edited these.
 
-Supported: both targets. Not supported: folders that were written without `symid generate`; they have none.
+Supported: all targets. Not supported: folders that were written without `symid generate`; they have none.
 """
 
 import json

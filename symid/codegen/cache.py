@@ -8,8 +8,8 @@ print, the compiler and its flags, the machine with its processor, for which cod
 folder that appears by one rename; it is used only if every file in it still has the digest noted when it was
 made, nobody but the user owns or may write it, and it loads. Else it is made again, and a notice says why.
 
-Supported: several processes at once; machines without a compiler, which get the NumPy module; one cache
-for machines of many kinds.
+Supported: several processes at once; machines without a compiler, which get the NumPy module or CasADi's
+virtual machine; one cache for machines of many kinds.
 Not supported: removal of old entries; the folder may be deleted at any time.
 """
 
@@ -23,6 +23,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from symid import __version__
 from symid.codegen.cache_folder import (
@@ -39,6 +40,7 @@ from symid.codegen.cache_folder import (
 from symid.codegen.compiler import CANDIDATES, Compiler, compile_sources, find_compiler, find_fault
 from symid.codegen.library import Library, Loaded, load_library
 from symid.codegen.names import find_prefix
+from symid.codegen.python_call import find_call_path
 from symid.codegen.templates import find_template_bytes
 from symid.codegen.writer import MANIFEST, find_digest, write_sources
 from symid.errors import GenerationError, Notice, OutputError, UsageError
@@ -46,7 +48,12 @@ from symid.provenance import find_signature
 from symid.robot.description import Joint, Limits, Robot
 from symid.robot.log_map import LogMap, Processing
 
-__all__ = ["find_cache_folder", "find_library_key", "prepare_library"]
+if TYPE_CHECKING:  # a library that is found needs neither CasADi nor SymPy
+    from symid.codegen.casadi_functions import Functions
+
+__all__ = ["BACKENDS", "find_cache_folder", "find_library_key", "prepare_library"]
+
+BACKENDS = ("auto", "c", "python", "casadi")
 
 _SEAL = "seal.json"
 _ROOMS = ("robot", "algebra", "joint", "dynamics", "parameters", "codegen")
@@ -62,6 +69,7 @@ class _Order:
     names: tuple[str, ...] | None
     compiler: Compiler | None
     progress: Callable[[str], None]
+    casadi: bool = False
 
 
 # A library, and what a user should know of how it was come by.
@@ -101,16 +109,31 @@ def _keep_model(robot: Robot) -> Robot:
     )
 
 
-def find_library_key(robot: Robot, names: tuple[str, ...] | None, compiler: Compiler | None) -> str:
-    """Return the signature of all that a library is made from."""
+def find_library_key(
+    robot: Robot,
+    names: tuple[str, ...] | None,
+    compiler: Compiler | None,
+    *,
+    calls: str = "",
+    casadi: bool = False,
+) -> str:
+    """Return the signature of all that a library is made from.
+
+    Args:
+        robot: its functions count, see `prepare_library`.
+        names: of functions, None for all.
+        compiler: None for none.
+        calls: what serves calls from Python.
+        casadi: whether CasADi computes the functions.
+    """
     tools = (__version__, _find_version("casadi"), _find_version("sympy"), _find_version("mpmath"))
-    built_by = compiler or f"python {sys.version_info.major}.{sys.version_info.minor}"
+    built_by = (compiler or f"python {sys.version_info.major}.{sys.version_info.minor}", calls, casadi)
     # A library that was linked with a newer C library may not load with an older one.
     runtime = (
         os.confstr("CS_GNU_LIBC_VERSION") if "CS_GNU_LIBC_VERSION" in getattr(os, "confstr_names", ()) else ""
     )
     machine = (platform.system(), platform.machine(), runtime)
-    templates = find_template_bytes("c", "python")
+    templates = find_template_bytes("c", "python", "casadi")
     return find_signature(_keep_model(robot), names, tools, machine, templates, _find_code_bytes(), built_by)
 
 
@@ -146,7 +169,9 @@ def _make_entry(order: _Order, folder: Path, key: str) -> None:
 
     order.progress(f"deriving the dynamics of {order.robot.name}")
     functions = build_functions(order.robot, names=order.names)
-    if order.compiler is None:
+    if order.casadi:
+        _make_casadi_entry(order, functions, folder)
+    elif order.compiler is None:
         order.progress("writing the NumPy module")
         write_sources(generate_python_module(functions), folder)
     else:
@@ -154,13 +179,29 @@ def _make_entry(order: _Order, folder: Path, key: str) -> None:
         prefix = find_prefix(order.robot.name)
         paths = write_sources(generate_c_library(functions), folder)
         sources = [path for path in paths if path.suffix == ".c" and path.name.startswith(f"{prefix}_")]
-        sources.append(folder / "python_call.c")
-        sources[-1].write_text(write_python_call(functions.card, prefix), encoding="utf-8")
+        flags = find_call_path().flags
+        if flags:
+            sources.append(folder / "python_call.c")
+            sources[-1].write_text(write_python_call(functions.card, prefix), encoding="utf-8")
         order.progress(f"compiling with {order.compiler.path}")
-        compile_sources(order.compiler, sources, folder / f"lib{prefix}.so")
+        compiler = replace(order.compiler, flags=(*order.compiler.flags, *flags))
+        compile_sources(compiler, sources, folder / f"lib{prefix}.so")
     seal = {"key": key, "files": _read_digests(folder)}
     (folder / _SEAL).write_text(json.dumps(seal, indent=1, sort_keys=True) + "\n", encoding="utf-8")
     close_entry(folder)
+
+
+def _make_casadi_entry(order: _Order, functions: "Functions", folder: Path) -> None:
+    """Write what CasADi loads; compiled without Jacobians, which nobody asks a `Library` for."""
+    from symid.codegen.casadi_target import find_casadi_sources, generate_casadi
+
+    order.progress("writing CasADi functions and their C")
+    write_sources(generate_casadi(functions), folder)
+    if order.compiler is not None:
+        prefix = find_prefix(order.robot.name)
+        order.progress(f"compiling with {order.compiler.path}")
+        sources = [folder / path for path in find_casadi_sources(prefix)]
+        compile_sources(order.compiler, sources, folder / f"lib{prefix}_casadi.so")
 
 
 def _store_entry(order: _Order, entry: Path, key: str) -> None:
@@ -242,10 +283,22 @@ def _obtain(order: _Order, key: str) -> _Obtained:
     return _obtain_temporary(order, key, reason)
 
 
-def _find_missing(wanted: str | None) -> Notice:
+_INSTEAD = {"auto": "the NumPy module", "casadi": "CasADi's virtual machine"}
+"""What serves without a compiler, by backend; where nothing does, that is an error."""
+
+
+def _find_missing(wanted: str | None) -> str:
     names = f"the C compiler {wanted!r}" if wanted else f"a C compiler ({', '.join(CANDIDATES)})"
-    text = f"{names} was not found; the NumPy module is used, which is slower"
-    return Notice(code="codegen.no-compiler", text=text)
+    return f"{names} was not found"
+
+
+def _fall_back(order: _Order, backend: str, cache: Path | None, code: str, reason: str) -> Library:
+    """Return the library that needs no compiler, and say so; for "c" there is none."""
+    if backend not in _INSTEAD:
+        text = f"{reason}; give another backend than {backend!r}, or see `symid doctor`"
+        raise GenerationError(Notice(code=code, text=text))
+    text = f"{reason}; {_INSTEAD[backend]} is used, which is slower"
+    return _load(replace(order, compiler=None), cache, Notice(code=code, text=text))
 
 
 def prepare_library(
@@ -255,6 +308,7 @@ def prepare_library(
     names: tuple[str, ...] | None = None,
     cache: Path | None = None,
     compiler: str | None = None,
+    backend: str = "auto",
 ) -> Library:
     """Return the robot's library; derive, generate and compile it if it is not in the cache.
 
@@ -265,16 +319,31 @@ def prepare_library(
         cache: folder of the cache; None for `find_cache_folder()`, and if that cannot be written, a
             temporary folder, of which a notice tells.
         compiler: command of the C compiler; None for the first of cc, gcc, clang.
+        backend: what computes the functions: "c"; "python" for NumPy; "casadi" for the C of CasADi, or where
+            there is no compiler for its virtual machine, of which a notice tells; "auto" for C, or where
+            there is no compiler for NumPy, of which a notice tells.
 
     Raises:
         RobotError: the robot is not supported.
-        GenerationError: the compiler fails on generated code.
+        UsageError: there is no such backend.
+        GenerationError: the compiler fails on generated code, or there is none and the backend is "c".
         OutputError: the folder `cache`, or the temporary one, cannot be written.
     """
-    found = find_compiler(compiler, native=True)
-    order = _Order(robot=robot, names=names, compiler=found, progress=progress or (lambda _: None))
+    if backend not in BACKENDS:
+        text = f"backend: expected one of {', '.join(BACKENDS)}, got {backend!r}"
+        raise UsageError(Notice(code="usage.backend", text=text))
+    found = None if backend == "python" else find_compiler(compiler, native=True)
+    order = _Order(
+        robot=robot,
+        names=names,
+        compiler=found,
+        progress=progress or (lambda _: None),
+        casadi=backend == "casadi",
+    )
+    if backend == "python":
+        return _load(order, cache)
     if found is None:
-        return _load(order, cache, _find_missing(compiler))
+        return _fall_back(order, backend, cache, "codegen.no-compiler", _find_missing(compiler))
     try:
         return _load(order, cache)
     except GenerationError:
@@ -282,13 +351,13 @@ def prepare_library(
         if not fault:
             raise
     # Not the generated code is at fault but the compiler, for example one without the C library's headers.
-    text = f"the C compiler cannot be used: {fault}; the NumPy module is used, which is slower"
-    notice = Notice(code="codegen.compiler-unusable", text=text)
-    return _load(replace(order, compiler=None), cache, notice)
+    reason = f"the C compiler cannot be used: {fault}"
+    return _fall_back(order, backend, cache, "codegen.compiler-unusable", reason)
 
 
 def _load(order: _Order, cache: Path | None, *notices: Notice) -> Library:
-    key = find_library_key(order.robot, order.names, order.compiler)
+    calls = "" if order.casadi else find_call_path().name
+    key = find_library_key(order.robot, order.names, order.compiler, calls=calls, casadi=order.casadi)
     library, more = _obtain(order, key) if cache is None else _obtain_entry(order, cache, key)
     library.notices = (*more, *notices)
     return library

@@ -19,6 +19,7 @@ from symid.errors import Notice, UsageError
 __all__ = ["Call", "allocate", "check_inputs", "check_outputs", "check_sample", "find_spec", "keep_outputs"]
 
 REAL = "biuf"
+_DOUBLE = np.dtype(np.float64)
 
 Call = Callable[..., tuple[FloatArray, ...]]
 
@@ -85,11 +86,18 @@ def check_inputs(
 
 
 def check_sample(card: ModelCard, spec: FunctionSpec, inputs: Sequence[object]) -> tuple[FloatArray, ...]:
-    """Return the inputs of one sample as arrays.
+    """Return the inputs of one sample as arrays of float64, which may have strides.
 
     Raises:
         UsageError: a shape is not that of one sample, or an input holds no real numbers.
     """
+    # The usual case is told in a few comparisons; anything else is converted or refused.
+    if len(inputs) == len(spec.inputs):
+        for port, value in zip(spec.inputs, inputs, strict=True):
+            if type(value) is not np.ndarray or value.dtype is not _DOUBLE or value.shape != port.shape:
+                break
+        else:
+            return cast("tuple[FloatArray, ...]", tuple(inputs))
     arrays = _convert_all(card, spec, inputs)
     for port, array in zip(spec.inputs, arrays, strict=True):
         if array.shape != port.shape:

@@ -26,7 +26,7 @@ from symid.errors import Notice, UsageError
 from symid.parameters.base import build_standard_parameters, find_base_parameters
 from symid.robot.description import Robot
 
-__all__ = ["Functions", "build_functions"]
+__all__ = ["Functions", "build_casadi_function", "build_functions"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,3 +77,26 @@ def build_functions(
         functions=tuple(map(build_function, programs)),
         constant=constant,
     )
+
+
+def build_casadi_function(
+    robot: Robot, name: str, *, standard: bool = False, constant: bool = False
+) -> ca.Function:
+    """Return one function of the catalogue over SX, with derivatives of any order.
+
+    Vectors are columns: `map`, and matrices of samples side by side, work as CasADi has them. The rotation
+    matrices of the forward kinematics, of shape (n, 3, 3), stand row by row in n x 9. SI units, angles in
+    rad. Where friction or a spring changes its slope at once, derivatives are those of one side; friction
+    with a speed to a power below one has none at rest.
+
+    Args:
+        robot: the robot.
+        name: of the function.
+        standard: whether it takes the standard parameters pi in place of beta.
+        constant: whether it holds the values of the robot file, and takes no parameters.
+
+    Raises:
+        RobotError: a symbolic length has no value.
+        UsageError: the name is not in the catalogue, or the robot file lacks a value that shall be constant.
+    """
+    return build_functions(robot, names=(name,), standard=standard, constant=constant).functions[0]

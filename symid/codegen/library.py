@@ -1,4 +1,4 @@
-"""A robot's functions, ready to call: compiled C, or the NumPy module.
+"""A robot's functions, ready to call: compiled C, the NumPy module, or CasADi.
 
 Input: a folder of generated sources, for C with the shared library in it. Output: `Library`.
 
@@ -15,13 +15,14 @@ from symid.arrays import FloatArray
 from symid.codegen.backends import CompiledLibrary, PythonLibrary, import_module
 from symid.codegen.build_digest import find_build_digest
 from symid.codegen.calls import Call
+from symid.codegen.casadi_library import CasadiLibrary, load_casadi_library
 from symid.codegen.functions import ModelCard, read_model_card
 from symid.codegen.writer import find_listed, read_manifest
 from symid.errors import Notice, UsageError
 
 __all__ = ["Library", "Loaded", "load_library"]
 
-Loaded = CompiledLibrary | PythonLibrary
+Loaded = CompiledLibrary | PythonLibrary | CasadiLibrary
 
 
 class Library(Protocol):
@@ -34,7 +35,7 @@ class Library(Protocol):
 
     @property
     def backend(self) -> str:
-        """Return "c" or "python"."""
+        """Return "c", "python" or "casadi"."""
         ...
 
     @property
@@ -92,6 +93,8 @@ def _find_text(manifest: Mapping[str, object], key: str, folder: Path) -> str:
 def load_library(folder: Path, *, notices: tuple[Notice, ...] = ()) -> Loaded:
     """Return the library in a folder that symid generated; C needs `make shared` first.
 
+    A folder for CasADi works as it is; after `make shared` its compiled C is used, which is faster.
+
     Raises:
         UsageError: the folder holds no generated library, or its C was not compiled since it was written.
         GenerationError: the library does not load on this machine.
@@ -108,10 +111,12 @@ def load_library(folder: Path, *, notices: tuple[Notice, ...] = ()) -> Loaded:
     prefix = _find_text(manifest, "prefix", folder)
     if manifest.get("target") == "python":
         return PythonLibrary(card, import_module(folder / f"{prefix}.py"), notices)
+    precision = _find_text(manifest, "precision", folder)
+    digest = find_build_digest(card, prefix=prefix, precision=precision, files=find_listed(manifest))
+    if manifest.get("target") == "casadi":
+        return load_casadi_library(folder, card, prefix=prefix, digest=digest, notices=notices)
     binary = folder / f"lib{prefix}.so"
     if not binary.is_file():
         text = f"has no {binary.name}; run `make shared` in it"
         raise UsageError(Notice(code="usage.not-compiled", text=text, file=str(folder)))
-    precision = _find_text(manifest, "precision", folder)
-    digest = find_build_digest(card, prefix=prefix, precision=precision, files=find_listed(manifest))
     return CompiledLibrary(card, binary, prefix=prefix, precision=precision, digest=digest, notices=notices)

@@ -29,8 +29,10 @@ from symid.codegen.cache_folder import (
     make_cache_folder,
     make_temporary_folder,
 )
+from symid.codegen.casadi_library import CasadiLibrary
 from symid.codegen.compiler import Compiler, compile_sources, find_compiler
 from symid.codegen.library import Library
+from symid.codegen.names import find_prefix
 from symid.codegen.plant_orders import PlantLog, PlantOrder, PlantRobot
 from symid.errors import GenerationError, Notice, OutputError
 from symid.provenance import find_signature
@@ -109,16 +111,25 @@ class CompiledPlant:
 
 
 def has_addresses(library: Library) -> bool:
-    """Return whether the library's functions are compiled, in double precision."""
-    return isinstance(library, CompiledLibrary) and library._dtype is np.float64  # noqa: SLF001  same room
+    """Return whether the library's functions are compiled, in double precision; CasADi's C counts as well."""
+    return _find_shared(library) is not None
+
+
+def _find_shared(library: Library) -> ctypes.CDLL | None:
+    if isinstance(library, CasadiLibrary):
+        return library.shared
+    if isinstance(library, CompiledLibrary) and library._dtype is np.float64:  # noqa: SLF001  same room
+        return library._shared  # noqa: SLF001  same room
+    return None
 
 
 def _find_address(library: Library, name: str) -> int:
-    if not isinstance(library, CompiledLibrary) or not has_addresses(library):
+    shared = _find_shared(library)
+    if shared is None:
         text = f"the library of {library.card.robot!r} has no compiled functions in double precision"
         raise GenerationError(Notice(code="codegen.no-address", text=text))
-    symbol = library._find_symbol(name)  # noqa: SLF001  same room
-    return int(ctypes.cast(symbol, ctypes.c_void_p).value or 0)  # type: ignore[arg-type]  # a ctypes function
+    symbol = getattr(shared, f"{find_prefix(library.card.robot)}_{name}")
+    return int(ctypes.cast(symbol, ctypes.c_void_p).value or 0)
 
 
 def _find_pointers(record: PlantRobot | PlantOrder, names: tuple[str, ...]) -> dict[str, int]:

@@ -15,7 +15,7 @@ import casadi as ca
 from symid.codegen.functions import Port
 from symid.codegen.instructions import Instruction, Op, Program
 
-__all__ = ["build_function"]
+__all__ = ["build_function", "find_extents"]
 
 _RULES: Mapping[Op, Callable[..., ca.SX]] = {
     Op.ADD: lambda a, b: a + b,
@@ -40,7 +40,7 @@ _RULES: Mapping[Op, Callable[..., ca.SX]] = {
 }
 
 
-def _find_extents(port: Port) -> tuple[int, int]:
+def find_extents(port: Port) -> tuple[int, int]:
     """Return the rows and columns of the matrix that stands for a port."""
     rows = port.shape[0] if port.shape else 1
     return rows, port.size // rows if rows else 1
@@ -104,7 +104,7 @@ def _start(program: Program, inputs: Sequence[ca.SX]) -> _Pool:
 def build_function(program: Program) -> ca.Function:
     """Return the SX function of `program`; a port of shape (n, k, m) is a matrix of n rows, k m columns."""
     spec = program.spec
-    inputs = [ca.SX.sym(port.name, *_find_extents(port)) for port in spec.inputs]
+    inputs = [ca.SX.sym(port.name, *find_extents(port)) for port in spec.inputs]
     pool = _start(program, inputs)
     for op, numbers in _group(program):
         instructions = [program.instructions[number - 1] for number in numbers]
@@ -112,7 +112,7 @@ def build_function(program: Program) -> ca.Function:
         pool.append(numbers, _RULES[op](*(pool.read(refs) for refs in columns)))
     outputs = []
     for port, refs in zip(spec.outputs, program.outputs, strict=True):
-        rows, columns_out = _find_extents(port)
+        rows, columns_out = find_extents(port)
         values = pool.read(refs) if refs else ca.SX(0, 1)
         outputs.append(ca.densify(ca.reshape(values, columns_out, rows).T))
     names = ([port.name for port in spec.inputs], [port.name for port in spec.outputs])

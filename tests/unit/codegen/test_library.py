@@ -10,6 +10,7 @@ import pytest
 from symid.codegen.c_library import generate_c_library
 from symid.codegen.calls import check_outputs
 from symid.codegen.casadi_functions import build_functions
+from symid.codegen.casadi_target import generate_casadi
 from symid.codegen.library import load_library
 from symid.codegen.options import GenerateOptions
 from symid.codegen.python_module import generate_python_module
@@ -43,10 +44,15 @@ def folder(made, tmp_path, build):
     return tmp_path / "c"
 
 
-@pytest.fixture(params=["c", "python"])
+@pytest.fixture(params=["c", "python", "casadi", "casadi-machine"])
 def library(request, made, tmp_path):
     if request.param == "c":
         return load_library(request.getfixturevalue("folder"))
+    if request.param != "python":
+        write_sources(generate_casadi(made["two_link"]), tmp_path / "p")
+        if request.param == "casadi":
+            request.getfixturevalue("build")(tmp_path / "p", "shared")
+        return load_library(tmp_path / "p")
     write_sources(generate_python_module(made["two_link"]), tmp_path / "p")
     return load_library(tmp_path / "p")
 

@@ -9,6 +9,7 @@ from jinja2 import Environment, meta
 from symid.codegen import (
     c_contexts,
     c_parameters,
+    casadi_target,
     friction_c,
     friction_state,
     lanes,
@@ -43,11 +44,15 @@ CONTEXTS = {
     "c/README.md.jinja": c_contexts.ReadmeContext,
     "python/module.py.jinja": python_module.ModuleContext,
     "python/README.md.jinja": python_module.ModuleReadmeContext,
+    "casadi/loader.py.jinja": casadi_target.LoaderContext,
+    "casadi/info.c.jinja": casadi_target.CasadiInfoContext,
+    "casadi/Makefile.jinja": casadi_target.CasadiMakefileContext,
+    "casadi/README.md.jinja": casadi_target.CasadiReadmeContext,
 }
 
 
 def test_every_template_has_a_context_with_its_variables():
-    templates = dict(find_template_bytes("c", "python"))
+    templates = dict(find_template_bytes("c", "python", "casadi"))
     assert sorted(templates) == sorted(CONTEXTS)
     for name, content in templates.items():
         used = meta.find_undeclared_variables(Environment(autoescape=True).parse(content.decode()))

@@ -1,0 +1,195 @@
+"""CasADi as a backend: equal to the others, chosen by name, and honest about what serves."""
+
+import threading
+
+import numpy as np
+import pytest
+
+from symid.codegen import cache as cache_module
+from symid.codegen.cache import prepare_library
+from symid.codegen.casadi_functions import build_functions
+from symid.codegen.describe import prepare_material
+from symid.codegen.options import GenerateOptions
+from symid.errors import GenerationError, UsageError
+from symid.formats.toml import read_robot
+
+BACKENDS = ("c", "python", "casadi")
+# Chains, a tree with coupled drives, springs with stops and knees; of large robots a few functions.
+FEW = ("forward_kinematics", "mass_matrix", "forward_dynamics", "torque_regressor")
+ROBOTS = {
+    "two_link": None,
+    "two_link_elastic": None,
+    "scara": None,
+    "emps": None,
+    "panda": FEW,
+    "two_arms": FEW,
+}
+NAMES = ("gravity", "mass_matrix")
+
+
+def read(folder, name):
+    return read_robot(folder / f"{name}.toml")
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_all_backends_compute_the_same(robots_folder, c_compiler, name):
+    """At random states, with parameters for which no mass matrix is nearly singular; exact values besides."""
+    robot = read(robots_folder, name)
+    names = ROBOTS[name]
+    material = prepare_material(build_functions(robot, names=names), GenerateOptions())
+    libraries = [prepare_library(robot, names=names, backend=backend) for backend in BACKENDS]
+    assert [library.backend for library in libraries] == list(BACKENDS)
+    assert not any(library.notices for library in libraries)
+    for program, reference in zip(material.programs, material.references, strict=True):
+        spec = program.spec
+        inputs = [
+            np.array(rows[0] if port.shared else rows).reshape(*(() if port.shared else (-1,)), *port.shape)
+            for port, rows in zip(spec.inputs, reference.inputs, strict=True)
+        ]
+        one = [values if port.shared else values[3] for port, values in zip(spec.inputs, inputs, strict=True)]
+        found = [library.evaluate(spec.name, *inputs) for library in libraries]
+        ports = enumerate(zip(reference.whole, reference.scales, strict=True))
+        for place, (whole, scale) in ports:
+            exact = np.array(whole).reshape(len(whole), *spec.outputs[place].shape)
+            for outputs in found:
+                np.testing.assert_allclose(outputs[place][: len(whole)], exact, rtol=0, atol=1e-12 * scale)
+                np.testing.assert_allclose(outputs[place], found[0][place], rtol=0, atol=1e-12 * scale)
+        for library, outputs in zip(libraries, found, strict=True):
+            singles = (library.evaluate(spec.name, *one), library.bind(spec.name)(*one))
+            for single in singles:
+                for values, batch, scale in zip(single, outputs, reference.scales, strict=True):
+                    np.testing.assert_allclose(values, batch[3], rtol=0, atol=1e-12 * scale)
+
+
+@pytest.fixture(scope="module", params=["compiled", "machine"])
+def library(request, robots_folder, c_compiler, tmp_path_factory):
+    compiler = None if request.param == "compiled" else "no-such-compiler"
+    return prepare_library(
+        read(robots_folder, "two_link"),
+        names=NAMES,
+        cache=tmp_path_factory.mktemp("cache"),
+        compiler=compiler,
+        backend="casadi",
+    )
+
+
+@pytest.mark.parametrize("samples", [0, 1, 2, 255, 256, 257, 1000])
+def test_pieces_of_a_batch_are_put_together(library, samples):
+    rng, beta = np.random.default_rng(1), np.arange(1.0, 1.0 + len(library.card.beta))
+    q = rng.uniform(-3, 3, (samples, 2))
+    (found,) = library.evaluate("mass_matrix", q, beta)
+    assert (found.shape, found.flags.c_contiguous) == ((samples, 2, 2), True)
+    single = library.bind("mass_matrix")
+    for state, matrix in zip(q, found, strict=True):
+        np.testing.assert_array_equal(matrix, single(state, beta)[0])
+
+
+def test_parameters_of_one_batch_do_not_stay_for_the_next(library):
+    q, beta = np.linspace(-1, 1, 600).reshape(-1, 2), np.ones(len(library.card.beta))
+    (first,) = library.evaluate("gravity", q, beta)
+    (second,) = library.evaluate("gravity", q, 2.0 * beta)
+    np.testing.assert_array_equal(second, 2.0 * first)
+
+
+def test_threads_do_not_meet(library):
+    rng, beta = np.random.default_rng(2), np.ones(len(library.card.beta))
+    batches = [rng.uniform(-3, 3, (700, 2)) for _ in range(4)]
+    wanted = [library.evaluate("gravity", q, beta)[0] for q in batches]
+    found = [np.zeros((700, 2)) for _ in batches]
+
+    def work(k):
+        for _ in range(20):
+            library.evaluate("gravity", batches[k], beta, out=(found[k],))
+
+    threads = [threading.Thread(target=work, args=(k,)) for k in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    np.testing.assert_array_equal(found, wanted)
+
+
+def test_an_error_of_casadi_is_one(library):
+    class Buffer:
+        def __init__(self, own):
+            self.own = own  # what runs needs it
+
+        def ret(self):
+            return 3
+
+    library.evaluate("gravity", np.zeros((1, 2)), np.ones(len(library.card.beta)))
+    room = library._spare["gravity", 1][0]
+    room._buffer = Buffer(room._buffer)
+    with pytest.raises(GenerationError, match="'gravity' returned the error code 3") as caught:
+        library.evaluate("gravity", np.zeros((1, 2)), np.ones(len(library.card.beta)))
+    assert caught.value.notices[0].code == "codegen.call-failed"
+
+
+def prepare(robot, folder, **options):
+    said = []
+    found = prepare_library(robot, progress=said.append, names=NAMES, cache=folder, **options)
+    return found, [text.split()[0] for text in said]
+
+
+def test_every_backend_has_an_entry_of_its_own(robots_folder, tmp_path, c_compiler):
+    robot = read(robots_folder, "two_link")
+    assert prepare(robot, tmp_path, backend="c")[1] == ["deriving", "writing", "compiling"]
+    found, said = prepare(robot, tmp_path)
+    assert (found.backend, said) == ("c", [])
+    for backend, steps in (
+        ("casadi", ["deriving", "writing", "compiling"]),
+        ("python", ["deriving", "writing"]),
+    ):
+        made, said = prepare(robot, tmp_path, backend=backend)
+        assert (made.backend, said, made.notices) == (backend, steps, ())
+        again, said = prepare(robot, tmp_path, backend=backend)
+        assert (again.backend, said) == (backend, [])
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+def test_an_entry_that_was_tampered_with_is_made_again(robots_folder, tmp_path, c_compiler):
+    robot = read(robots_folder, "two_link")
+    prepare(robot, tmp_path, backend="casadi")
+    (entry,) = tmp_path.iterdir()
+    (entry / "gravity.casadi").unlink()
+    (entry / "gravity.casadi").write_text("{}")
+    found, said = prepare(robot, tmp_path, backend="casadi")
+    assert said[0] == "deriving"
+    assert [notice.code for notice in found.notices] == ["codegen.cache-rebuilt"]
+
+
+def test_without_a_compiler_the_virtual_machine_serves_and_says_so(robots_folder, tmp_path):
+    robot = read(robots_folder, "two_link")
+    found, said = prepare(robot, tmp_path, backend="casadi", compiler="no-such-compiler")
+    assert (found.backend, said) == ("casadi", ["deriving", "writing"])
+    (notice,) = found.notices
+    assert notice.code == "codegen.no-compiler"
+    assert "CasADi's virtual machine is used, which is slower" in notice.text
+
+
+def test_a_compiler_that_cannot_be_used_is_told_of(robots_folder, tmp_path, c_compiler, monkeypatch):
+    def fail(*_):
+        raise GenerationError(cache_module.Notice(code="codegen.compiler-failed", text="no headers"))
+
+    monkeypatch.setattr(cache_module, "compile_sources", fail)
+    monkeypatch.setattr(cache_module, "find_fault", lambda _: "no headers")
+    robot = read(robots_folder, "two_link")
+    found, _ = prepare(robot, tmp_path, backend="casadi")
+    assert [notice.code for notice in found.notices] == ["codegen.compiler-unusable"]
+    with pytest.raises(GenerationError, match="give another backend than 'c'"):
+        prepare(robot, tmp_path, backend="c")
+
+
+def test_c_is_never_replaced_when_it_was_asked_for(robots_folder, tmp_path):
+    robot = read(robots_folder, "two_link")
+    with pytest.raises(
+        GenerationError, match="'no-such-compiler' was not found; give another backend"
+    ) as caught:
+        prepare(robot, tmp_path, backend="c", compiler="no-such-compiler")
+    assert caught.value.notices[0].code == "codegen.no-compiler"
+
+
+def test_a_backend_that_is_none_is_refused(robots_folder, tmp_path):
+    with pytest.raises(UsageError, match="expected one of auto, c, python, casadi, got 'rust'") as caught:
+        prepare(read(robots_folder, "two_link"), tmp_path, backend="rust")
+    assert caught.value.notices[0].code == "usage.backend"

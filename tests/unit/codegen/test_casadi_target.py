@@ -1,0 +1,221 @@
+"""The folder for users of CasADi: it passes its own test, notices what is wrong, and is always the same."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from symid.codegen import compiler as compiler_module
+from symid.codegen.backends import import_module
+from symid.codegen.casadi_functions import build_functions
+from symid.codegen.casadi_target import generate_casadi
+from symid.codegen.library import load_library
+from symid.codegen.selftest import run_selftest
+from symid.codegen.writer import read_manifest, write_sources
+from symid.errors import GenerationError, UsageError
+from symid.formats.toml import read_robot
+
+# Of a large robot, functions of each kind: with a Jacobian and without, vectors and matrices.
+FEW = ("forward_kinematics", "inverse_dynamics", "torque_regressor")
+ROBOTS = {"two_link": None, "two_link_elastic": None, "panda": FEW}
+
+
+def ignore(_):
+    """Take no notice of progress."""
+
+
+@pytest.fixture(scope="module")
+def folders(project, tmp_path_factory):
+    root = tmp_path_factory.mktemp("casadi")
+    for name, names in ROBOTS.items():
+        functions = build_functions(read_robot(project / "robots" / f"{name}.toml"), names=names)
+        write_sources(generate_casadi(functions), root / name)
+    return root
+
+
+@pytest.fixture(scope="module")
+def built(folders, c_compiler):
+    if shutil.which("make") is None:
+        pytest.skip("wants make")
+    command = ["make", "-s", f"CC={c_compiler}", "CFLAGS=-O1"]
+    subprocess.run(command, cwd=folders / "two_link_elastic", check=True)
+    return folders
+
+
+@pytest.fixture
+def copy(built, tmp_path):
+    return shutil.copytree(built / "two_link_elastic", tmp_path / "code")
+
+
+def run(folder):
+    (script,) = folder.glob("*_casadi.py")
+    done = subprocess.run(
+        [sys.executable, script.name], cwd=folder, capture_output=True, text=True, check=False
+    )
+    assert done.stderr == ""
+    return done
+
+
+def find_failed(folder):
+    done = run(folder)
+    failed = [line.split()[0] for line in done.stdout.splitlines() if line.endswith("FAILED")]
+    assert (done.returncode != 0) == bool(failed)
+    return failed
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_folder_passes_its_test_and_lists_its_files(folders, c_compiler, name):
+    tested = run_selftest(folders / name, "casadi", ignore)
+    assert tested.selftest == "passed"
+    assert re.match(r"CasADi \d+\.\d+", tested.runner)
+    manifest = read_manifest(folders / name)
+    assert manifest["target"] == "casadi"
+    assert {f"{entry['name']}.casadi" for entry in manifest["card"]["functions"]} <= set(manifest["files"])
+
+
+def test_without_a_compiler_the_files_are_tested(folders, monkeypatch):
+    monkeypatch.setattr(compiler_module, "find_compiler", lambda: None)
+    tested = run_selftest(folders / "two_link", "casadi", ignore)
+    assert (tested.selftest, tested.flags) == ("passed", "")
+    assert "," not in tested.runner
+
+
+def test_every_function_is_compared_in_all_its_forms(built):
+    lines = run(built / "two_link_elastic").stdout.splitlines()
+    assert lines[-1] == "0 of 20 functions failed"
+    assert sum("file " in line and "compiled " in line for line in lines) == 20
+    assert sum("jacobian " in line for line in lines) == 12
+
+
+SPOILT = {
+    "a sum": ("casadi.c", r"(?s)(/\* gravity:.*?res\[0\]\[0\]=)", r"\g<1>1.0+", ["gravity"]),
+    "a derivative": (
+        "casadi_jacobians.c",
+        r"(?s)(/\* jac_hysteresis_step:.*?res\[0\]\[0\]=)",
+        r"\g<1>1.0+",
+        ["hysteresis_step"],
+    ),
+}
+
+
+@pytest.mark.parametrize("spoilt", SPOILT)
+def test_spoilt_c_fails_the_test(copy, c_compiler, spoilt):
+    end, pattern, change, expected = SPOILT[spoilt]
+    path = copy / f"symid_two_link_elastic_{end}"
+    text, changed = re.subn(pattern, change, path.read_text(), count=1)
+    assert changed
+    path.write_text(text)
+    subprocess.run(["make", "-s", f"CC={c_compiler}", "CFLAGS=-O1"], cwd=copy, check=True)
+    assert find_failed(copy) == expected
+
+
+def test_a_file_of_another_function_fails_the_test(copy):
+    # Of the same inputs and outputs, so that only the numbers tell.
+    shutil.copy(copy / "momentum_regressor.casadi", copy / "lagrange_regressor.casadi")
+    assert find_failed(copy) == ["lagrange_regressor"]
+
+
+def test_same_bytes_whatever_the_hash_seed_and_the_folder(project, tmp_path):
+    script = (
+        "import sys, hashlib; from pathlib import Path\n"
+        "from symid.codegen.casadi_functions import build_functions\n"
+        "from symid.codegen.casadi_target import generate_casadi\n"
+        "from symid.formats.toml import read_robot\n"
+        "made = generate_casadi(build_functions(read_robot(Path(sys.argv[1]))))\n"
+        "texts = [text for pair in (*made.files, ('m', made.manifest)) for text in pair]\n"
+        "print(hashlib.sha256('|'.join(texts).encode()).hexdigest())\n"
+        "assert not any(str(Path.cwd()) in text for text in texts)\n"
+    )
+    robot = project / "robots" / "two_link_elastic.toml"
+    found = set()
+    for seed in ("1", "2"):
+        folder = tmp_path / seed
+        folder.mkdir()
+        environment = {**os.environ, "PYTHONHASHSEED": seed, "PYTHONPATH": str(project)}
+        done = subprocess.run(
+            [sys.executable, "-c", script, str(robot)],
+            cwd=folder,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        found.add(done.stdout)
+    assert len(found) == 1
+
+
+@pytest.fixture(scope="module")
+def loader(built):
+    return import_module(built / "two_link_elastic" / "symid_two_link_elastic_casadi.py")
+
+
+def test_the_loader_says_what_goes_in_and_out(loader):
+    assert len(loader.FUNCTIONS) == 20
+    for name, entry in loader.FUNCTIONS.items():
+        for function in (loader.load(name), loader.load_external(name)):
+            inputs = [(function.name_in(k), function.size_in(k)) for k in range(function.n_in())]
+            outputs = [(function.name_out(k), function.size_out(k)) for k in range(function.n_out())]
+            assert inputs == [line[:2] for line in entry["inputs"]]
+            assert outputs == [line[:2] for line in entry["outputs"]]
+    assert loader.FUNCTIONS["gravity"]["inputs"][0] == ("q", (2, 1), "rad", "joint coordinates")
+    assert loader.FUNCTIONS["inverse_dynamics"]["jacobian"]
+
+
+def test_the_loader_says_what_is_not_there(loader, folders, tmp_path):
+    with pytest.raises(KeyError, match="there is no function 'weight'; there are forward_kinematics"):
+        loader.load("weight")
+    with pytest.raises(FileNotFoundError, match="make shared"):
+        loader.load_external("gravity", tmp_path / "none.so")
+
+
+def test_an_external_function_has_derivatives(loader):
+    inputs = q, _, _ = ca.MX.sym("q", 2), ca.MX.sym("dq", 2), ca.MX.sym("beta", 6)
+    compiled, wanted = (
+        ca.Function("J", inputs, [ca.jacobian(f(*inputs), q)])
+        for f in (loader.load_external("bias"), loader.load("bias"))
+    )
+    at = (np.array([0.3, -1.0]), np.array([2.0, 1.0]), np.arange(1.0, 7.0))
+    np.testing.assert_allclose(np.array(compiled(*at)), np.array(wanted(*at)), rtol=1e-13)
+    assert np.abs(np.array(wanted(*at))).max() > 1.0
+
+
+def test_a_library_built_before_the_sources_is_refused_until_it_is_built_again(copy, project, c_compiler):
+    assert load_library(copy).backend == "casadi"
+    robot = read_robot(project / "robots" / "two_link_elastic.toml")
+    write_sources(generate_casadi(build_functions(robot, names=("gravity", "mass_matrix"))), copy)
+    with pytest.raises(UsageError, match="built from other sources") as caught:
+        load_library(copy)
+    assert caught.value.notices[0].code == "usage.stale-library"
+    subprocess.run(["make", "-s", f"CC={c_compiler}", "clean", "shared"], cwd=copy, check=True)
+    assert len(load_library(copy).card.functions) == 2
+
+
+def test_a_file_that_casadi_cannot_read_is_named(folders, tmp_path):
+    folder = shutil.copytree(folders / "panda", tmp_path / "code", ignore=shutil.ignore_patterns("*.so"))
+    path = folder / "inverse_dynamics.casadi"
+    path.write_text(path.read_text()[:1000])
+    with pytest.raises(GenerationError, match="generate it again with this version") as caught:
+        load_library(folder)
+    assert caught.value.notices[0].code == "codegen.cannot-load"
+    assert caught.value.notices[0].file == str(path)
+
+
+def test_a_folder_that_is_not_compiled_serves_and_says_so(folders, tmp_path):
+    folder = shutil.copytree(folders / "panda", tmp_path / "code", ignore=shutil.ignore_patterns("*.so"))
+    library = load_library(folder)
+    (notice,) = library.notices
+    assert (library.backend, notice.code) == ("casadi", "codegen.casadi-machine")
+    assert "CasADi's virtual machine is used, which is slower; run `make shared` there" in notice.text
+    q = np.array([0.1, -0.4, 0.3, -1.0, 0.2, 1.1, 0.5])
+    rotations, _ = library.evaluate("forward_kinematics", q)
+    # By rows: the axis of the first joint is the base's z axis, and every matrix is a rotation.
+    turned = [[np.cos(q[0]), -np.sin(q[0]), 0.0], [np.sin(q[0]), np.cos(q[0]), 0.0], [0.0, 0.0, 1.0]]
+    np.testing.assert_allclose(rotations[0], turned, atol=1e-15)
+    np.testing.assert_allclose(
+        rotations @ rotations.transpose(0, 2, 1), np.tile(np.eye(3), (7, 1, 1)), atol=1e-14
+    )
