@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 __all__ = [
+    "NOTES",
     "EstimateError",
     "GenerationError",
     "IdentifiabilityError",
@@ -31,6 +32,47 @@ __all__ = [
     "SymidError",
     "UsageError",
 ]
+
+
+NOTES = frozenset(
+    {
+        "check.elastic",
+        "elastic.motor-side",
+        "estimate.settings-differ",
+        "identify.automatic",
+        "identify.second-encoder",
+        "identify.slow-rows",
+        "identify.unused-processing",
+        "log.aligned",
+        "log.converted",
+        "log.cut",
+        "log.folded",
+        "log.in-line",
+        "log.motor-position",
+        "log.offset",
+        "log.payload",
+        "log.resampled",
+        "new.assumed-gear",
+        "new.assumed-order",
+        "new.assumed-side",
+        "new.ends",
+        "new.gravity",
+        "new.preset",
+        "new.standstill",
+        "new.unused-columns",
+        "robot.assumed-gravity",
+        "robot.cut-off",
+        "robot.default-axis",
+        "robot.elastic-joint",
+        "robot.endless-limits",
+        "robot.fixed-to-base",
+        "robot.follower-still",
+        "robot.lumped",
+        "robot.renamed",
+        "robot.urdf-unused",
+    }
+)
+"""Codes of what is as it was asked for, and only worth knowing."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,6 +88,11 @@ class Notice:
     file: str = ""
     line: int = 0
     column: int = 0
+
+    @property
+    def is_note(self) -> bool:
+        """Return whether it is as it was asked for, and only worth knowing."""
+        return self.code in NOTES
 
     def __str__(self) -> str:
         """Return `file:line:column: text` with the parts that are known."""

@@ -1,4 +1,4 @@
-"""Canonical bytes and signatures: equal input, equal signature, on any machine.
+"""Canonical bytes and signatures: equal input, equal signature, on any machine; digests of files.
 
 Supported: None, booleans, integers, floats, fractions, strings, bytes, paths' text
 given as strings, tuples, lists, mappings with string keys, enumerations, frozen
@@ -11,8 +11,9 @@ from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from fractions import Fraction
+from pathlib import Path
 
-__all__ = ["find_signature", "write_canonical"]
+__all__ = ["find_file_digest", "find_signature", "write_canonical"]
 
 
 def write_canonical(value: object) -> bytes:
@@ -58,3 +59,11 @@ def write_canonical(value: object) -> bytes:
 def find_signature(*values: object) -> str:
     """Return the SHA-256 of the values' canonical bytes, as 64 hexadecimal digits."""
     return hashlib.sha256(write_canonical(values)).hexdigest()
+
+
+def find_file_digest(source: str) -> str:
+    """Return the SHA-256 of the file `source`, empty where there is no such file to read."""
+    try:
+        return hashlib.sha256(Path(source).read_bytes()).hexdigest()
+    except (OSError, ValueError):
+        return ""

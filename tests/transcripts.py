@@ -1,9 +1,11 @@
 """Pages whose commands and answers are a transcript: run again, compared, and written anew.
 
-A block ```sh holds one command, the block ```text right behind it all that the command prints. Run as a
-script with the page and the folder of its files, it writes the answers of this machine into the page:
+A block ```sh holds one command, or a block ```python a script; the block ```text right behind it all that it
+prints. Run as a script with the page, the folder of its files, and that of its scripts if it has some, it
+writes the scripts and the answers of this machine into the page:
 
     PYTHONPATH=. python tests/transcripts.py docs/own_robot.md docs/own_robot
+    PYTHONPATH=. python tests/transcripts.py docs/api/scripts.md docs/own_robot docs/api
 """
 
 import os
@@ -18,6 +20,9 @@ from pathlib import Path
 STEP = re.compile(
     r"^```sh\n(?P<command>[^\n]*)\n```\n\n```text\n(?P<answer>.*?)^```$", re.DOTALL | re.MULTILINE
 )
+SCRIPT = re.compile(
+    r"^```python\n(?P<script>.*?)^```\n\n```text\n(?P<answer>.*?)^```$", re.DOTALL | re.MULTILINE
+)
 NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w.]*\w)")
 LONGEST = 300
 
@@ -27,14 +32,28 @@ def list_steps(page: str) -> list[tuple[str, str]]:
     return [(step["command"], step["answer"]) for step in STEP.finditer(page)]
 
 
+def list_scripts(page: str) -> list[tuple[str, str]]:
+    """Return scripts and their answers."""
+    return [(step["script"], step["answer"]) for step in SCRIPT.finditer(page)]
+
+
+def find_scripts(folder: Path) -> list[Path]:
+    """Return the scripts of a page: those whose names begin with a number."""
+    return sorted(folder.glob("[0-9][0-9]_*.py"))
+
+
 def run_step(command: str, folder: Path, cache: Path) -> tuple[int, str]:
     """Return the exit code of a command, and all that it prints, in the order of a terminal."""
     first, *arguments = shlex.split(command)
     assert first == "symid"
-    program = "from symid.cli.main import main; main()"
+    return run_python(["-c", "from symid.cli.main import main; main()", *arguments], folder, cache)
+
+
+def run_python(arguments: list[str], folder: Path, cache: Path) -> tuple[int, str]:
+    """Return the exit code of Python with `arguments`, and all that it prints, in the order of a terminal."""
     environment = {**os.environ, "XDG_CACHE_HOME": str(cache), "PYTHONUNBUFFERED": "1", "NO_COLOR": "1"}
     done = subprocess.run(
-        [sys.executable, "-c", program, *arguments],
+        [sys.executable, *arguments],
         cwd=folder,
         env=environment,
         stdout=subprocess.PIPE,
@@ -76,9 +95,10 @@ def _find_step(number: str) -> float:
     return 1.0001 * max(10.0 ** (int(exponent or 0) - places), 1e-8 * abs(float(number)))
 
 
-def write_page(path: Path, files: Path) -> None:
-    """Write what the commands of a page print now into the page."""
+def write_page(path: Path, files: Path, scripts: Path | None = None) -> None:
+    """Write what the commands and scripts of a page print now into the page."""
     page = path.read_text(encoding="utf-8")
+    waiting = iter(find_scripts(scripts) if scripts else ())
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "work"
         shutil.copytree(files, folder)
@@ -88,9 +108,14 @@ def write_page(path: Path, files: Path) -> None:
             text = re.sub(r"^compiling with .*", "compiling with /usr/bin/cc", found, flags=re.MULTILINE)
             return f"```sh\n{step['command']}\n```\n\n```text\n{text}```"
 
-        page = STEP.sub(answer, page)
+        def show(_: re.Match[str]) -> str:
+            script = next(waiting)
+            _, found = run_python([str(script.resolve())], folder, Path(scratch) / "cache")
+            return f"```python\n{script.read_text(encoding='utf-8')}```\n\n```text\n{found}```"
+
+        page = SCRIPT.sub(show, STEP.sub(answer, page))
     path.write_text(page, encoding="utf-8")
 
 
 if __name__ == "__main__":
-    write_page(Path(sys.argv[1]), Path(sys.argv[2]))
+    write_page(*map(Path, sys.argv[1:]))

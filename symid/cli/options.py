@@ -1,42 +1,86 @@
-"""Options that several verbs share."""
+"""Commands whose help stands in groups, and options that several verbs share."""
 
 import functools
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import click
 
+from symid.cli.inputs import NamedRobot
 from symid.cli.output import Answer, Console
-from symid.errors import Notice, UsageError
 
 __all__ = [
     "DEFAULT_SEED",
+    "INPUT",
+    "METHOD",
+    "MODEL",
+    "OUTPUT",
+    "PROCESSING",
+    "Decorator",
     "FiniteRange",
-    "cut_options",
+    "Verb",
+    "add_options",
+    "backend_option",
     "force_folder_option",
     "force_option",
     "friction_option",
+    "option",
     "output_option",
     "processing_options",
-    "rows_options",
+    "robot_argument",
+    "robot_option",
     "seed_option",
     "set_option",
-    "split_settings",
     "verb",
 ]
 
 P = ParamSpec("P")
 R = TypeVar("R")
-Decorator = Callable[[Callable[..., Answer]], Callable[..., Answer]]
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
+INPUT, PROCESSING, MODEL, METHOD, OUTPUT = "Input", "Processing", "Model", "Method", "Output"
+_GROUPS = (INPUT, PROCESSING, MODEL, METHOD, OUTPUT)
 DEFAULT_SEED = 1
 _FRICTION = ("none", "viscous_coulomb", "viscous_coulomb_offset", "asymmetric")
+_BACKENDS = ("auto", "c", "python", "casadi")
+
+
+class _GroupedOption(click.Option):
+    """An option that knows under which heading of the help it stands."""
+
+    def __init__(self, *arguments: Any, group: str = "", **settings: Any) -> None:  # noqa: ANN401  click's own
+        super().__init__(*arguments, **settings)
+        self.group = group
+
+
+class Verb(click.Command):
+    """A command whose options stand in groups, and whose summary is never cut off."""
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options, group by group; those of no group come last."""
+        groups: dict[str, list[tuple[str, str]]] = {name: [] for name in (*_GROUPS, "")}
+        for parameter in self.get_params(ctx):
+            # Newer versions of click have a record of arguments too, which the usage line names already.
+            record = parameter.get_help_record(ctx) if isinstance(parameter, click.Option) else None
+            if record is not None:
+                groups[getattr(parameter, "group", "")].append(record)
+        shown = {name: records for name, records in groups.items() if records}
+        for name, records in shown.items():
+            with formatter.section(name or ("Other options" if len(shown) > 1 else "Options")):
+                formatter.write_dl(records)
+
+    def get_short_help_str(self, limit: int = 45) -> str:  # noqa: ARG002  click's interface
+        """Return the first sentence of the help, whole."""
+        return (self.help or "").strip().split("\n\n")[0].replace("\n", " ").removesuffix(".")
 
 
 class FiniteRange(click.FloatRange):
     """A range of numbers; "nan" and "inf" are none."""
+
+    def _describe_range(self) -> str:
+        return super()._describe_range() if (self.min, self.max) != (None, None) else ""
 
     def convert(self, value: float, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Return the number, or refuse the call."""
@@ -46,130 +90,176 @@ class FiniteRange(click.FloatRange):
         return number
 
 
-force_option = click.option("--force", is_flag=True, help="Write over a file that exists, whoever wrote it.")
-force_folder_option = click.option(
-    "--force", is_flag=True, help="Write over what symid wrote before; files of others stay refused."
+def option(*names: str, group: str = "", **settings: Any) -> Decorator:  # noqa: ANN401  click's own
+    """Return an option that stands in `group` of the help; the rest is click's."""
+    return click.option(*names, cls=_GroupedOption, group=group, **settings)
+
+
+def add_options(*options: Decorator) -> Decorator:
+    """Return a decorator that gives a verb several options, in their order."""
+
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        for entry in reversed(options):
+            function = entry(function)
+        return function
+
+    return decorate
+
+
+force_option = option(
+    "--force", is_flag=True, group=OUTPUT, help="Overwrite an existing output file, whoever wrote it."
 )
-seed_option = click.option(
+force_folder_option = option(
+    "--force",
+    is_flag=True,
+    group=OUTPUT,
+    help="Overwrite what symid wrote before; files of others stay refused.",
+)
+seed_option = option(
     "--seed",
     type=click.IntRange(min=0),
     default=DEFAULT_SEED,
     show_default=True,
-    help="Of all random numbers.",
+    group=METHOD,
+    metavar="N",
+    help="Random seed.",
 )
-friction_option = click.option(
-    "--friction", type=click.Choice(_FRICTION), help="Friction model of all joints, in place of the file's."
+friction_option = option(
+    "--friction",
+    type=click.Choice(_FRICTION),
+    group=MODEL,
+    help="Friction model of all joints, in place of the robot file's.",
 )
-set_option = click.option(
+set_option = option(
     "--set",
     "settings",
     multiple=True,
     metavar="KEY=VALUE",
-    help="A setting in place of the file's, such as processing.filter_cutoff=50.",
+    group=PROCESSING,
+    help="Any setting in place of the robot file's, such as processing.filter_cutoff=50.",
+)
+processing_options = add_options(
+    option(
+        "--cutoff",
+        type=FiniteRange(min=0.0, min_open=True),
+        metavar="HZ",
+        group=PROCESSING,
+        help="Cut-off frequency of the low-pass filter.",
+    ),
+    option(
+        "--decimate",
+        type=click.IntRange(min=1),
+        metavar="N",
+        group=PROCESSING,
+        help="Keep one sample in N.",
+    ),
+    option(
+        "--drop-first",
+        type=click.IntRange(min=0),
+        metavar="N",
+        group=PROCESSING,
+        help="Number of samples cut off at the start.",
+    ),
+    option(
+        "--drop-last",
+        type=click.IntRange(min=0),
+        metavar="N",
+        group=PROCESSING,
+        help="Number of samples cut off at the end.",
+    ),
+)
+_CUTS = (
+    option(
+        "--base",
+        "base_link",
+        metavar="LINK",
+        group=INPUT,
+        help="URDF only: the link at which the robot starts.",
+    ),
+    option(
+        "--tip",
+        "tip_link",
+        metavar="LINK",
+        group=INPUT,
+        help="URDF only: the link at which it ends; branches are cut off.",
+    ),
+    option(
+        "--snap",
+        type=FiniteRange(min=0.0, max=0.01),
+        metavar="RAD",
+        group=INPUT,
+        help="URDF only: angles this near to a quarter turn become one; 0 for none.  [default: 1e-5]",
+    ),
+)
+backend_option = option(
+    "--backend",
+    type=click.Choice(_BACKENDS),
+    default="auto",
+    show_default=True,
+    group=METHOD,
+    help="What computes the robot's functions: compiled C, the NumPy module, or code that CasADi generated.",
 )
 
 
-def cut_options(function: Callable[P, R]) -> Callable[P, R]:
-    """Give a verb the links between which a URDF is cut, and how its angles are read."""
-    options = (
-        click.option("--base", "base_link", metavar="LINK", help="Of a URDF: the link to start from."),
-        click.option(
-            "--tip", "tip_link", metavar="LINK", help="Of a URDF: the link to end at; branches are cut off."
-        ),
-        click.option(
-            "--snap",
-            type=FiniteRange(min=0.0, max=0.01),
-            metavar="RAD",
-            help="Of a URDF: angles this near to a quarter turn become one; 0 for none.  [default: 1e-5]",
-        ),
-    )
-    for option in reversed(options):
-        function = option(function)
-    return function
+def robot_argument(*, computes: bool = False) -> Decorator:
+    """Return the argument ROBOT with the options that say how it is read, as one `NamedRobot`.
+
+    Args:
+        computes: whether the verb runs the robot's functions, and so takes --backend.
+    """
+    taken = add_options(*((backend_option,) if computes else ()), *_CUTS)
+    return lambda function: click.argument("robot")(taken(_name_robot(function)))
+
+
+def robot_option(meaning: str, default: str | None = None) -> Decorator:
+    """Return the option --robot of verbs that have a robot of their own, or know it by its estimate.
+
+    Args:
+        meaning: what it is, for the help.
+        default: the robot where none is given; None for none.
+    """
+    shown = default is not None
+    named = option("--robot", metavar="ROBOT", default=default, show_default=shown, group=INPUT, help=meaning)
+    return add_options(named, backend_option, *_CUTS, _name_robot)
+
+
+def _name_robot(function: Callable[..., R]) -> Callable[..., R]:
+    @functools.wraps(function)
+    def call(
+        *arguments: object,
+        robot: str | None,
+        base_link: str | None,
+        tip_link: str | None,
+        snap: float | None,
+        backend: str = "auto",
+        **options: object,
+    ) -> R:
+        named = None
+        if robot is not None:
+            named = NamedRobot(name=robot, base=base_link, tip=tip_link, snap=snap, backend=backend)
+        return function(*arguments, robot=named, **options)
+
+    return call
 
 
 def output_option(meaning: str, *, required: bool = False, folder: bool = False) -> Decorator:
     """Return the option -o for a file or folder."""
     kind = click.Path(path_type=Path, file_okay=not folder, dir_okay=folder)
     metavar = "FOLDER" if folder else "FILE"
-    return click.option("-o", "--output", type=kind, required=required, metavar=metavar, help=meaning)
+    return option("-o", "--output", type=kind, required=required, metavar=metavar, group=OUTPUT, help=meaning)
 
 
 def verb(function: Callable[..., Answer]) -> Callable[..., Answer]:
     """Give a verb the options that all have, and its console in place of them."""
 
-    @click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout.")
-    @click.option("-q", "--quiet", is_flag=True, help="No progress and no warnings.")
-    @click.option("-v", "--verbose", is_flag=True, help="More progress; a traceback when symid fails.")
+    @option("--json", "as_json", is_flag=True, group=OUTPUT, help="Print one JSON object on stdout.")
+    @option("-q", "--quiet", is_flag=True, group=OUTPUT, help="No progress and no warnings.")
+    @option(
+        "-v", "--verbose", is_flag=True, group=OUTPUT, help="More progress; a traceback when symid fails."
+    )
     @functools.wraps(function)
     def call(*, as_json: bool, quiet: bool, verbose: bool, **options: object) -> Answer:
         # The answer is printed by `main`, which reads --json and -q for itself: it must print errors too.
         return function(Console(quiet=quiet, verbose=verbose and not (quiet or as_json)), **options)
 
     return call
-
-
-def rows_options(function: Callable[P, R]) -> Callable[P, R]:
-    """Give a verb the options of how measurements become equations, and equations parameters."""
-    options = (
-        click.option(
-            "--rows",
-            type=click.Choice(("torque", "momentum", "filtered", "power", "energy", "friction")),
-            default="torque",
-            show_default=True,
-            help="How measurements become equations; friction: a law of friction for every joint that moves.",
-        ),
-        click.option(
-            "--estimator",
-            metavar="NAME",
-            help="How equations become parameters: ols, wls, gls, huber, ridge, consistent, sequential, "
-            "output-error or instrumental; of --rows friction varpro, root-finding, nlp, genetic, annealing "
-            "or differential-evolution.  [default: ols, varpro]",
-        ),
-    )
-    for option in options:
-        function = option(function)
-    return function
-
-
-def processing_options(function: Callable[P, R]) -> Callable[P, R]:
-    """Give a verb short names for the settings of the signals."""
-    options = (
-        click.option(
-            "--cutoff",
-            type=FiniteRange(min=0.0, min_open=True),
-            metavar="HZ",
-            help="Cut-off of the low-pass filter.",
-        ),
-        click.option("--decimate", type=click.IntRange(min=1), metavar="N", help="Keep one sample in N."),
-        click.option(
-            "--drop-first", type=click.IntRange(min=0), metavar="N", help="Samples cut off at the start."
-        ),
-        click.option(
-            "--drop-last", type=click.IntRange(min=0), metavar="N", help="Samples cut off at the end."
-        ),
-    )
-    for option in reversed(options):
-        function = option(function)
-    return function
-
-
-def split_settings(settings: tuple[str, ...], **named: object) -> tuple[tuple[str, str], ...]:
-    """Return pairs of key and value from KEY=VALUE texts and from options of their own.
-
-    Args:
-        settings: the texts.
-        named: values of options by their processing key, None where not given.
-
-    Raises:
-        UsageError: a text has no equals sign.
-    """
-    pairs = []
-    for text in settings:
-        key, sign, value = text.partition("=")
-        if not sign or not key.strip():
-            message = f"--set {text}: expected KEY=VALUE, such as processing.filter_cutoff=50"
-            raise UsageError(Notice(code="usage.bad-setting", text=message))
-        pairs.append((key.strip(), value.strip()))
-    given = [(f"processing.{key}", str(value)) for key, value in named.items() if value is not None]
-    return (*pairs, *((key.replace("__", "."), value) for key, value in given))

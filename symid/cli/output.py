@@ -9,59 +9,21 @@ An answer that is not acceptable, such as a gate missed, has `ok` false, its err
 Numbers that are not finite become null, which JSON has.
 """
 
-import json
-import math
 import os
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from symid.errors import Notice
+from symid.json_text import write_json
 
-__all__ = ["Answer", "Console", "format_table", "print_answer", "print_errors", "write_json"]
+if TYPE_CHECKING:
+    from symid.api.result import Result
 
-_NOTES = frozenset(
-    {
-        "check.elastic",
-        "elastic.motor-side",
-        "estimate.settings-differ",
-        "identify.automatic",
-        "identify.second-encoder",
-        "identify.slow-rows",
-        "identify.unused-processing",
-        "log.aligned",
-        "log.converted",
-        "log.cut",
-        "log.folded",
-        "log.in-line",
-        "log.motor-position",
-        "log.offset",
-        "log.payload",
-        "log.resampled",
-        "new.assumed-gear",
-        "new.assumed-order",
-        "new.assumed-side",
-        "new.ends",
-        "new.gravity",
-        "new.preset",
-        "new.standstill",
-        "new.unused-columns",
-        "robot.assumed-gravity",
-        "robot.cut-off",
-        "robot.default-axis",
-        "robot.elastic-joint",
-        "robot.endless-limits",
-        "robot.fixed-to-base",
-        "robot.follower-still",
-        "robot.lumped",
-        "robot.renamed",
-        "robot.urdf-unused",
-    }
-)
-"""Codes of what is as it was asked for, and only worth knowing."""
+__all__ = ["Answer", "Console", "make_answer", "print_answer", "print_errors"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,6 +38,27 @@ class Answer:
     warnings: tuple[Notice, ...] = ()
     errors: tuple[Notice, ...] = ()
     exit_code: int = 0
+
+
+def make_answer(
+    result: "Result", *lines: str, exit_code: int = 1, notices: Sequence[Notice] = (), **added: object
+) -> Answer:
+    """Return the answer that a result of the API gives.
+
+    Args:
+        result: what the API returned.
+        lines: what the verb says besides, such as the file that it wrote.
+        exit_code: where the result is not acceptable.
+        notices: what the verb has to tell besides.
+        added: entries of the object for programs.
+    """
+    return Answer(
+        text="\n\n".join((str(result), *lines)),
+        result={**result.to_dict(), **added},
+        warnings=(*result.notices, *notices),
+        errors=result.errors,
+        exit_code=exit_code if result.errors else 0,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,37 +101,6 @@ def print_errors(notices: Sequence[Notice], *, as_json: bool) -> None:
         _print_notices(notices, "error", "red")
 
 
-def write_json(value: object) -> str:
-    """Return `value` as JSON text."""
-    return json.dumps(_simplify(value), indent=2, allow_nan=False, ensure_ascii=False)
-
-
-def format_table(header: Sequence[str], rows: Sequence[Sequence[object]], left: Sequence[int] = (0,)) -> str:
-    """Return a table for reading; columns whose number is in `left` are flush left."""
-    cells = [list(header), *([_show(value) for value in row] for row in rows)]
-    widths = [max(len(row[k]) for row in cells) for k in range(len(header))]
-    lines = [
-        "  ".join(
-            text.ljust(width) if k in left else text.rjust(width)
-            for k, (text, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in cells
-    ]
-    rule = "  ".join("-" * width for width in widths)
-    return "\n".join((lines[0], rule, *lines[1:]))
-
-
-def _show(value: object) -> str:
-    match value:
-        case None:
-            return ""
-        case bool():
-            return "yes" if value else "no"
-        case float():
-            return f"{value:.5g}" if math.isfinite(value) else "-"
-    return str(value)
-
-
 def _make_envelope(answer: Answer) -> dict[str, object]:
     envelope: dict[str, object] = {"ok": not answer.errors}
     if answer.errors:
@@ -158,27 +110,10 @@ def _make_envelope(answer: Answer) -> dict[str, object]:
     return envelope
 
 
-def _simplify(value: object) -> object:
-    """Return `value` in the types that JSON has."""
-    match value:
-        case float():
-            return value if math.isfinite(value) else None
-        case None | bool() | int() | str():
-            return value
-        case Path():
-            return str(value)
-        case Mapping():
-            return {str(key): _simplify(entry) for key, entry in value.items()}
-        case tuple() | list():
-            return [_simplify(entry) for entry in value]
-    message = f"no JSON for {type(value).__name__}"
-    raise TypeError(message)
-
-
 def _print_notices(notices: Sequence[Notice], title: str, colour: str) -> None:
     for notice in notices:
         # https://no-color.org: any value, if it is not empty, means no colour.
-        note = notice.code in _NOTES
+        note = notice.is_note
         word = "note" if note else title
         head = (
             word

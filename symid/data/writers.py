@@ -12,7 +12,7 @@ import io
 import os
 import tempfile
 import zipfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import IO
 
@@ -24,6 +24,7 @@ from symid.data.recording import Recording
 from symid.data.table import RawLog
 from symid.errors import Notice, OutputError
 from symid.notation import find_unit
+from symid.paths import check_suffix
 from symid.robot.description import JointKind, Robot
 
 __all__ = ["write_log", "write_recording"]
@@ -41,7 +42,7 @@ def write_recording(recording: Recording, path: Path, robot: Robot) -> Path:
         OutputError: the suffix is another one, or the folder cannot be written.
     """
     writers = {".npz": _write_npz, ".csv": _write_csv}
-    writer = writers[_check_suffix(path, writers)]
+    writer = writers[check_suffix(path, "a log", writers)]
     return _write_whole(path, lambda stream: writer(stream, recording, robot))
 
 
@@ -53,20 +54,12 @@ def write_log(raw: RawLog, path: Path) -> Path:
             cannot be written.
     """
     writers = {".npz": _write_raw_npz, ".csv": _write_raw_csv}
-    writer = writers[_check_suffix(path, writers)]
+    writer = writers[check_suffix(path, "a log", writers)]
     shapes = {values.shape for values in raw.columns.values()}
     if writer is _write_raw_csv and (len(shapes) > 1 or any(len(shape) > 1 for shape in shapes)):
         text = "a .csv holds columns of one number a sample; this log has arrays or columns of other lengths"
         raise OutputError(Notice(code="output.no-table", text=f"{text}: write it as .npz", file=str(path)))
     return _write_whole(path, lambda stream: writer(stream, raw))
-
-
-def _check_suffix(path: Path, known: Iterable[str]) -> str:
-    suffix = path.suffix.lower()
-    if suffix not in known:
-        text = f"a log is written as {' or '.join(known)}, got {path.suffix or 'no suffix'}"
-        raise OutputError(Notice(code="output.unknown-suffix", text=text, file=str(path)))
-    return suffix
 
 
 def _write_whole(path: Path, write: Callable[[IO[bytes]], None]) -> Path:

@@ -21,7 +21,7 @@ from symid.estimators.estimate import ParameterEstimate, Residual
 from symid.identification.storage import write_file
 from symid.robot.elasticity import Elasticity, Knee, Stop
 
-__all__ = ["is_elastic_estimate", "read_elastic_estimate", "write_elastic_estimate"]
+__all__ = ["check_elastic_model", "is_elastic_estimate", "read_elastic_estimate", "write_elastic_estimate"]
 
 _FORMAT = "symid elastic estimate"
 _VERSION = 1
@@ -64,7 +64,7 @@ def read_elastic_estimate(path: Path, card: ModelCard | None = None) -> ElasticE
     except (TypeError, ValueError, AttributeError, OverflowError) as error:
         raise _refuse(path, str(error)) from error
     if card is not None:
-        _check_model(estimate, card, path)
+        check_elastic_model(estimate, card, path)
     return estimate
 
 
@@ -77,8 +77,12 @@ def is_elastic_estimate(path: Path) -> bool:
     return isinstance(data, dict) and data.get("format") == _FORMAT
 
 
-def _check_model(estimate: ElasticEstimate, card: ModelCard, path: Path) -> None:
-    """Refuse an estimate of another model, or one that was changed by hand until it fits no model."""
+def check_elastic_model(estimate: ElasticEstimate, card: ModelCard, path: Path | str = "") -> None:
+    """Refuse an estimate of another model, or one that was changed by hand until it fits no model.
+
+    Raises:
+        EstimateError: it is; `path` is named.
+    """
     if estimate.signature != card.signature:
         text = (
             f"the estimate is of robot {estimate.robot!r}, and its model is not that of {card.robot!r} as it "

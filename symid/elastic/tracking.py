@@ -99,7 +99,7 @@ def simulate_tracking(
     references = {RIGID: find_rigid_reference(library, first, trajectory, time)}
     if models:
         counts = _find_counts([fit.elasticity for fit in models.values()])
-        controller = prepare_controller(robot, counts, progress)
+        controller = prepare_controller(robot, counts, progress, backend=library.backend)
         for name, fit in models.items():
             wide = replace(fit, elasticity=widen_springs(fit.elasticity, counts))
             references[name] = find_elastic_reference(controller, wide, trajectory, time)
@@ -114,16 +114,27 @@ def simulate_tracking(
 
 
 def prepare_controller(
-    robot: Robot, counts: Sequence[SpringCounts], progress: Callable[[str], None] = lambda _: None
+    robot: Robot,
+    counts: Sequence[SpringCounts],
+    progress: Callable[[str], None] = lambda _: None,
+    *,
+    backend: str = "auto",
 ) -> Library:
-    """Return the feed-forward function of a robot whose springs have so many stops and knees."""
+    """Return the feed-forward function of a robot whose springs have so many stops and knees.
+
+    Args:
+        robot: with elastic joints.
+        counts: one a joint.
+        progress: told of work that takes a while.
+        backend: what computes the function; see `prepare_library`.
+    """
     places = dict(zip(robot.coordinates, counts, strict=True))
     joints = tuple(
         replace(joint, elasticity=_build_template(places[index])) if index in places else joint
         for index, joint in enumerate(robot.joints)
     )
     shaped = replace(robot, joints=joints)
-    return prepare_library(shaped, names=(_FUNCTION,), progress=progress)
+    return prepare_library(shaped, names=(_FUNCTION,), progress=progress, backend=backend)
 
 
 def widen_springs(elasticity: Sequence[Elasticity], counts: Sequence[SpringCounts]) -> tuple[Elasticity, ...]:

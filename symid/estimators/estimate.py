@@ -61,6 +61,10 @@ class ParameterEstimate:
         """Return 100 std / |value|; infinite where the value is zero."""
         return 100.0 * self.std / abs(self.value) if self.value else float("inf")
 
+    def __str__(self) -> str:
+        """Return it as `ZZ2 = 0.080935 +- 8.1e-05 kg m^2`, with one standard deviation."""
+        return f"{self.name} = {self.value:.5g} +- {self.std:.2g} {self.unit}".rstrip()
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Residual:

@@ -184,6 +184,8 @@ def _check_options(options: ExcitationOptions) -> None:
         problems.append(f"criterion: expected {' or '.join(CRITERIA)}, got {options.criterion!r}")
     if not 0.0 <= options.weight < np.inf:
         problems.append(f"weight: must be finite and not negative, got {options.weight:g}")
+    if options.problem.loads.stiffness and options.problem.loads.torsion is None:
+        problems.append("--stiffness belongs to --torsion, the largest torsion; give both")
     if options.starts > options.candidates:
         problems.append(f"{options.starts} starts need at least as many candidates, got {options.candidates}")
     if not 0.0 < options.problem.limits.share <= 1.0:

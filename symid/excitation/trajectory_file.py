@@ -23,6 +23,7 @@ from symid.data.table import RawLog
 from symid.errors import LogError, Notice, OutputError
 from symid.excitation.motion import Motion, SampledMotion
 from symid.notation import find_unit
+from symid.paths import check_suffix
 from symid.robot.description import JointKind, Robot
 from symid.units import find_unit_factor
 
@@ -48,8 +49,9 @@ def write_trajectory(
         remarks: lines for people, written first.
 
     Raises:
-        OutputError: the file cannot be written.
+        OutputError: it is no .csv, or cannot be written.
     """
+    check_suffix(path, "a trajectory", (".csv",))
     count = round(motion.duration * rate)
     times = np.arange(count * periods + 1) / rate
     # The same samples in every period, bit by bit.

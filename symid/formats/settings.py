@@ -6,7 +6,7 @@ Input: the tables of a robot file, or of a file overridden on the command line. 
 Supported: quantities as `log_quantities` reads them, a transmission matrix.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from decimal import Decimal
 from typing import Any
 
@@ -24,11 +24,11 @@ from symid.formats.section import (
     read_text,
 )
 from symid.formats.transmission import read_transmission
-from symid.robot.description import Joint
+from symid.robot.description import Joint, Robot
 from symid.robot.log_map import Decimation, LogMap, LogQuantity, Processing
 from symid.units import find_unit_factor
 
-__all__ = ["list_log", "list_processing", "read_log", "read_processing"]
+__all__ = ["describe_settings", "list_log", "list_processing", "read_log", "read_processing"]
 
 _PROCESSING = (
     "filter_order",
@@ -181,6 +181,23 @@ def list_log(log: LogMap) -> dict[str, Any]:
         if any(quantity.offset):
             table[name]["offset"] = [_exactly(number) for number in quantity.offset]
     return table
+
+
+def describe_settings(robot: Robot) -> dict[str, object]:
+    """Return the log map and the processing as they are used, in plain types, for the echo in a result."""
+    return {"log": _simplify(list_log(robot.log)), "processing": _simplify(list_processing(robot.processing))}
+
+
+def _simplify(value: object) -> object:
+    """Return `value` with the reader's decimal numbers as floats."""
+    match value:
+        case None | bool() | int() | float() | str():
+            return value
+        case Mapping():
+            return {str(key): _simplify(entry) for key, entry in value.items()}
+        case tuple() | list():
+            return [_simplify(entry) for entry in value]
+    return float(str(value))
 
 
 def _exactly(number: float) -> Decimal:

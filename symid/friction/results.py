@@ -41,7 +41,7 @@ _FORMAT = "symid friction result"
 _VERSION = 1
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class JointFriction:
     """Friction of one joint.
 
@@ -73,6 +73,11 @@ class JointFriction:
     def joint(self) -> str:
         """Return the joint's name."""
         return self.estimate.joint
+
+    def __repr__(self) -> str:
+        """Return joint, law and parameters in one line."""
+        values = ", ".join(map(str, self.estimate.parameters))
+        return f"<JointFriction {self.joint}: {self.estimate.law}; {values}>"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

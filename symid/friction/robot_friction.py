@@ -15,12 +15,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from symid.formats.joint_friction import FRICTION_PARAMETERS, FRICTION_SHAPES, ShapeKey
-from symid.friction.results import JointFriction
+from symid.formats.overrides import override_robot
+from symid.friction.results import FrictionIdentification, JointFriction
 from symid.joint.friction_law import FrictionLaw
 from symid.joint.friction_laws import get_law
-from symid.robot.description import CurvedFriction, FrictionKind, FrictionValues
+from symid.robot.description import CurvedFriction, FrictionKind, FrictionValues, Robot
 
-__all__ = ["build_robot_friction", "find_obstacle"]
+__all__ = ["build_robot_friction", "find_obstacle", "set_identified_friction"]
 
 _EXPONENT = r"(?:-(?P<gamma>exponent|[\d.e-]+))?"
 _NAMES = {"Fs": "Fe", "Fv2": "Fvq", "Fv3": "Fvc"}
@@ -157,3 +158,13 @@ def _explain(law: FrictionLaw) -> str:
     if plain != law.name and _find_family(plain) is not None:
         return f"; they have {plain!r}, without an offset"
     return ""
+
+
+def set_identified_friction(robot: Robot, found: FrictionIdentification) -> Robot:
+    """Return the robot with the friction model that the identification gave to all joints, if it did."""
+    kinds = found.settings.get("friction")
+    asked = set(kinds) if isinstance(kinds, Sequence) else set()
+    own = {joint.friction.kind.value for joint in robot.axes}
+    if len(asked) != 1 or asked == own or not asked <= {kind.value for kind in FrictionKind}:
+        return robot
+    return override_robot(robot, (), asked.pop())

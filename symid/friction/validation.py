@@ -30,9 +30,9 @@ from symid.friction.results import FrictionIdentification, JointFriction
 from symid.friction.rigid_part import RigidColumns, find_independent, find_rigid_columns
 from symid.friction.samples import FrictionSamples
 from symid.friction.selection import predict_rows
-from symid.identification.validate import find_digest
 from symid.joint.friction_law import FrictionLaw
 from symid.joint.friction_laws import get_law
+from symid.provenance import find_file_digest
 from symid.robot.log_map import Processing
 
 __all__ = ["check_friction_model", "check_friction_robot", "find_known", "validate_friction"]
@@ -366,7 +366,7 @@ def _is_fitted(found: FrictionIdentification, source: str) -> bool:
     if not source:
         return False
     known = found.settings.get("log_digests")
-    digest = find_digest(source)
+    digest = find_file_digest(source)
     same = Path(source).resolve() in {Path(entry).resolve() for entry in found.sources}
     return same or (bool(digest) and isinstance(known, Sequence) and digest in known)
 

@@ -7,7 +7,6 @@ Not supported: a log with other joints, or a model other than the estimate's.
 """
 
 from collections.abc import Sequence
-from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -20,11 +19,12 @@ from symid.errors import EstimateError, Notice
 from symid.estimators.estimate import Estimate, Series, Validation
 from symid.estimators.statistics import find_residuals
 from symid.identification.fitted_processing import settle_as_fitted
+from symid.provenance import find_file_digest
 from symid.robot.log_map import Processing
 from symid.rows.preparation import prepare_rows
 from symid.rows.rows import WINDOW, Rows
 
-__all__ = ["check_model", "find_digest", "validate_estimate"]
+__all__ = ["check_model", "validate_estimate"]
 
 
 def validate_estimate(
@@ -101,14 +101,6 @@ def check_model(estimate: Estimate, card: ModelCard, file: str = "") -> None:
     raise EstimateError(Notice(code="estimate.signature", text=text, file=file))
 
 
-def find_digest(source: str) -> str:
-    """Return the SHA-256 of the file `source`, empty where there is no such file to read."""
-    try:
-        return sha256(Path(source).read_bytes()).hexdigest()
-    except (OSError, ValueError):
-        return ""
-
-
 def _check_names(estimate: Estimate, card: ModelCard, file: str) -> None:
     """Check that each parameter of the model is either known or refused, once, and that there is no other."""
     expected = {entry.name for entry in (*card.beta, *card.friction)}
@@ -131,7 +123,7 @@ def _is_fitted(estimate: Estimate, source: str) -> bool:
     if Path(source).resolve() in {Path(known).resolve() for known in estimate.sources}:
         return True
     known = estimate.settings.get("log_digests", ())
-    digest = find_digest(source)
+    digest = find_file_digest(source)
     return bool(digest) and isinstance(known, Sequence) and digest in known
 
 

@@ -14,13 +14,13 @@ from pathlib import Path
 
 from symid import __version__
 from symid.elastic.estimate import ElasticEstimate, MethodTrial
+from symid.elastic.trial import ElasticTrial
 from symid.errors import Notice
 from symid.identification.storage import write_file
 from symid.report.comparison import Comparison, ComparisonSection, MethodScore, build_comparison
 from symid.report.convergence import ConvergenceSection, build_convergence
 from symid.report.elastic_loops import TrialSection, build_trial
 from symid.report.elastic_springs import SpringSection, build_spring
-from symid.report.elastic_trial import ElasticTrial
 from symid.report.elastic_verdict import find_elastic_verdict
 from symid.report.tables import ParameterLine, ResidualLine, list_settings, write_parameter, write_residual
 from symid.report.templates import write_page

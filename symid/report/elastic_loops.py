@@ -6,7 +6,7 @@ Input: `ElasticTrial`. Output: `TrialSection`, figures and tables ready to print
 from dataclasses import dataclass
 
 from symid.arrays import FloatArray
-from symid.report.elastic_trial import ElasticTrial, JointTrial
+from symid.elastic.trial import ElasticTrial, JointTrial
 from symid.report.figures import build_curve_figure, build_line_figure
 from symid.report.lines import Line
 from symid.report.tables import ResidualLine, write_residual

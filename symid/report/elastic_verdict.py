@@ -15,8 +15,8 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.elastic.estimate import ElasticEstimate
 from symid.elastic.fit import ElasticOutcome
+from symid.elastic.trial import ElasticTrial, JointTrial
 from symid.estimators.estimate import ParameterEstimate
-from symid.report.elastic_trial import ElasticTrial, JointTrial
 from symid.report.verdict import Verdict, describe_parameters, find_parameter_caps, weigh
 
 __all__ = ["find_elastic_verdict"]

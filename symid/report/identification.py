@@ -28,6 +28,7 @@ __all__ = [
     "LogSection",
     "ReportPage",
     "build_report",
+    "draw_joint",
     "write_report",
 ]
 
@@ -132,11 +133,12 @@ def _write_log(validation: Validation) -> LogSection:
         caption=caption,
         mean_relative=f"{validation.mean_relative_percent:.4f} %",
         residual=tuple(map(write_residual, validation.residual)),
-        joints=tuple(_draw_joint(series, validation.rows) for series in validation.series),
+        joints=tuple(draw_joint(series, validation.rows) for series in validation.series),
     )
 
 
-def _draw_joint(series: Series, rows: str) -> JointSection:
+def draw_joint(series: Series, rows: str) -> JointSection:
+    """Return the figures of one joint: measured and predicted, residual, its distribution."""
     quantity = "force" if rows == "torque" and series.unit == "N" else _QUANTITIES[rows]
     error = series.measured - series.predicted
     joint, unit = series.joint, series.unit

@@ -1,6 +1,6 @@
 """Methods for elastic joints next to each other, over many seeds of noise.
 
-Input: a robot file, datasets, seeds. Output: `ElasticStudy`: errors of every method on every dataset.
+Input: a robot, datasets, seeds. Output: `ElasticStudy`: errors of every method on every dataset.
 
 All methods see the same recordings (`elastic_task`). Simulations are made once in every process. Without
 noise one seed is enough.
@@ -12,13 +12,13 @@ Not supported: seeds that stop and go on another day.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from symid.elastic.covariance import find_bound
 from symid.elastic.signals import ElasticSignals
 from symid.elastic.spring_bound import find_spring_bound
+from symid.robot.description import Robot
 from symid.study.elastic_runs import DATASETS, Condition, Dataset
 from symid.study.elastic_task import STUDY_METHODS, MethodRun, StudyTask, World, prepare_world, run_task
 from symid.study.executor import run_tasks
@@ -72,9 +72,10 @@ class ElasticStudy:
 
 
 def study_elastic(
-    robot: Path,
+    robot: Robot,
     seeds: Sequence[int],
     *,
+    backend: str = "auto",
     datasets: Sequence[Dataset] = DATASETS,
     methods: tuple[str, ...] = STUDY_METHODS,
     jobs: int | None = None,
@@ -84,8 +85,9 @@ def study_elastic(
     """Return the errors of all methods, clean (one run) and noisy (one run a seed).
 
     Args:
-        robot: path of the robot file.
+        robot: with elastic joints and all values.
         seeds: of the noise.
+        backend: what computes its functions; see `prepare_library`.
         datasets: which recordings are identified together.
         methods: some of `STUDY_METHODS`.
         jobs: processes; None for one a core.
@@ -97,12 +99,14 @@ def study_elastic(
     """
     groups = [(dataset, condition) for condition in Condition for dataset in datasets]
     tasks = [
-        StudyTask(robot=robot, dataset=dataset, condition=condition, seed=seed, methods=methods)
+        StudyTask(
+            robot=robot, dataset=dataset, condition=condition, seed=seed, backend=backend, methods=methods
+        )
         for dataset, condition in groups
         for seed in (seeds if condition is Condition.NOISY else seeds[:1])
     ]
     # Made before the processes start, so that they do not all compile it.
-    world = prepare_world(robot, Condition.NOISY)
+    world = prepare_world(robot, Condition.NOISY, backend)
     results = run_tasks(run_task, tasks, jobs=jobs, progress=progress)
     found: dict[tuple[str, Condition], list[tuple[MethodRun, ...]]] = {}
     for task, runs in zip(tasks, results, strict=True):

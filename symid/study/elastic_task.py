@@ -11,7 +11,6 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 
@@ -24,7 +23,7 @@ from symid.elastic.independent import fit_independent
 from symid.elastic.methods import ElasticWork, build_work, fit_method
 from symid.elastic.options import ElasticOptions
 from symid.elastic.selection import choose_fit
-from symid.formats.toml import read_robot
+from symid.robot.description import Robot
 from symid.simulation.elastic_run import ElasticRun
 from symid.study.elastic_errors import (
     find_excited_errors,
@@ -56,10 +55,11 @@ STUDY_METHODS = ("linear-spring", "two-step", "elimination", "weighted", "nlp", 
 class StudyTask:
     """One dataset with the noise of one seed."""
 
-    robot: Path
+    robot: Robot
     dataset: Dataset
     condition: Condition
     seed: int
+    backend: str = "auto"
     methods: tuple[str, ...] = STUDY_METHODS
 
 
@@ -94,10 +94,9 @@ class World:
 
 
 @lru_cache(maxsize=4)
-def prepare_world(path: Path, condition: Condition) -> World:
+def prepare_world(robot: Robot, condition: Condition, backend: str) -> World:
     """Return library, truth and runs of a robot; made once in every process."""
-    robot = read_robot(path)
-    library = prepare_library(robot)
+    library = prepare_library(robot, backend=backend)
     runs = simulate_runs(robot, library, condition)
     return World(library=library, truth=find_truth(library.card), runs=runs)
 
@@ -142,7 +141,7 @@ def fit_all(
 
 def run_task(task: StudyTask) -> tuple[MethodRun, ...]:
     """Return what every method, and the automatic choice among them, made of one task."""
-    world = prepare_world(task.robot, task.condition)
+    world = prepare_world(task.robot, task.condition, task.backend)
     recordings = observe_runs(world.runs, task.dataset.runs, task.condition, task.seed)
     found = fit_all(world.library, recordings, ElasticOptions(), task.methods)
     return tuple(_judge(world, task.dataset, found, method) for method in found.fits)

@@ -1,6 +1,6 @@
 """What identification reaches of the Cramer-Rao bound, and whether it knows how well it did.
 
-Input: a robot file, seeds. Output: `PrecisionStudy`.
+Input: a robot, seeds. Output: `PrecisionStudy`.
 
     ratio_k = sqrt(mean over seeds of (x_k - truth_k)^2) / bound_k
     coverage = part of all |x_k - truth_k| <= 1.96 of the deviation stated
@@ -15,7 +15,6 @@ Not supported: noise of the states.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +22,7 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.estimators.condensed_fit import CondensedFit, fit_condensed
 from symid.estimators.consistent import solve_consistent
+from symid.robot.description import Robot
 from symid.rows.condensation import Condensed, condense_rows, find_square_sums, stack_condensed
 from symid.rows.identifiability import find_spectrum
 from symid.rows.quadrature import find_windows, integrate_windows
@@ -83,41 +83,39 @@ class _Draw(NamedTuple):
 
 
 @lru_cache(maxsize=1)
-def _load_scene(path: Path) -> tuple[PrecisionScene, str]:
+def _load_scene(robot: Robot, backend: str) -> PrecisionScene:
     from symid.codegen.cache import prepare_library
-    from symid.formats.locate import is_urdf
-    from symid.formats.toml import read_robot
-    from symid.formats.urdf import read_urdf
 
-    robot = read_urdf(path) if is_urdf(path) else read_robot(path)
-    return build_scene(robot, prepare_library(robot)), robot.name
+    return build_scene(robot, prepare_library(robot, backend=backend))
 
 
 def study_precision(
-    path: Path,
+    robot: Robot,
     seeds: Sequence[int],
     *,
+    backend: str = "auto",
     jobs: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> PrecisionStudy:
     """Return errors of all methods against the bound; the same for any number of processes.
 
     Args:
-        path: of the robot file.
+        robot: to be identified.
         seeds: of the noise.
+        backend: what computes its functions; see `prepare_library`.
         jobs: processes; None for one a core.
         progress: told how many tasks are done, of how many.
     """
     tasks = [
-        (path, tuple(seeds[start : start + _SEEDS_PER_TASK]))
+        (robot, backend, tuple(seeds[start : start + _SEEDS_PER_TASK]))
         for start in range(0, len(seeds), _SEEDS_PER_TASK)
     ]
     found = [draw for part in run_tasks(fit_seeds, tasks, jobs=jobs, progress=progress) for draw in part]
-    scene, robot = _load_scene(path)
+    scene = _load_scene(robot, backend)
     rows = scene.rows["torque"]
     spectrum = find_spectrum(condense_rows(rows).factors[:, :, :-1].reshape(-1, len(rows.names))).singular
     return PrecisionStudy(
-        robot=robot,
+        robot=robot.name,
         seeds=len(seeds),
         samples=scene.samples,
         condition=float(spectrum[0] / spectrum[-1]),
@@ -129,10 +127,10 @@ def study_precision(
     )
 
 
-def fit_seeds(task: tuple[Path, tuple[int, ...]]) -> list[dict[str, _Draw]]:
+def fit_seeds(task: tuple[Robot, str, tuple[int, ...]]) -> list[dict[str, _Draw]]:
     """Return what every method finds under the noise of every seed."""
-    path, seeds = task
-    scene, _ = _load_scene(path)
+    robot, backend, seeds = task
+    scene = _load_scene(robot, backend)
     return [_fit_seed(scene, seed) for seed in seeds]
 
 

@@ -1,6 +1,6 @@
 """Tracking of identified robots: models of two procedures and a rigid one in the same loop, over many seeds.
 
-Input: a robot file, seeds. Output: `TrackingStudy`: RMS errors, paired differences with their intervals.
+Input: a robot, seeds. Output: `TrackingStudy`: RMS errors, paired differences with their intervals.
 
     identified   from 10 x TA + TB with the noise of the seed, by the automatic choice          (Case 1)
     independent  from the same logs, by the procedures that identify dynamics and hysteresis apart (Case 2)
@@ -14,16 +14,14 @@ Not supported: noise in the loop.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from symid.codegen.cache import prepare_library
 from symid.elastic.fit import ElasticFit
 from symid.elastic.options import ElasticOptions
 from symid.elastic.tracking import RIGID, simulate_tracking
 from symid.excitation.trajectories import build_tc
-from symid.formats.toml import read_robot
+from symid.robot.description import Robot
 from symid.simulation.elastic_options import build_noisy_options
 from symid.study.elastic_runs import DATASETS, Condition, observe_runs
 from symid.study.elastic_task import AUTOMATIC, STUDY_METHODS, fit_all, prepare_world
@@ -67,11 +65,10 @@ class TrackingStudy:
     comparisons: tuple[Comparison, ...]
 
 
-def _run_seed(task: tuple[Path, int]) -> dict[str, tuple[float, ...]]:
+def _run_seed(task: tuple[Robot, str, int]) -> dict[str, tuple[float, ...]]:
     """Return the RMS errors of every case and joint for one seed."""
-    path, seed = task
-    world = prepare_world(path, Condition.NOISY)
-    robot = read_robot(path)
+    robot, backend, seed = task
+    world = prepare_world(robot, Condition.NOISY, backend)
     recordings = observe_runs(world.runs, DATASETS[-1].runs, Condition.NOISY, seed)
     fits = fit_all(world.library, recordings, ElasticOptions(), STUDY_METHODS).fits
     models: dict[str, ElasticFit] = {
@@ -79,35 +76,36 @@ def _run_seed(task: tuple[Path, int]) -> dict[str, tuple[float, ...]]:
         CASE_2: fits["independent"],
         CASE_2_ENCODER: fits["independent, link encoder"],
     }
-    runs = simulate_tracking(robot, prepare_library(robot), models, build_tc(), build_noisy_options())
+    runs = simulate_tracking(robot, world.library, models, build_tc(), build_noisy_options())
     return {run.name: tuple(run.rms.tolist()) for run in runs}
 
 
 def study_tracking(
-    robot: Path,
+    robot: Robot,
     seeds: Sequence[int],
     *,
+    backend: str = "auto",
     jobs: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> TrackingStudy:
     """Return the tracking errors of all cases.
 
     Args:
-        robot: path of the robot file.
+        robot: with elastic joints and all values.
         seeds: of the noise of the logs that models are identified from.
+        backend: what computes its functions; see `prepare_library`.
         jobs: processes; None for one a core.
         progress: told how many seeds are done, of how many.
 
     Raises:
         UsageError: the robot has not two joints, or its file states no truth.
     """
-    described = read_robot(robot)
-    prepare_world(robot, Condition.NOISY)
-    results = run_tasks(_run_seed, [(robot, seed) for seed in seeds], jobs=jobs, progress=progress)
+    prepare_world(robot, Condition.NOISY, backend)
+    results = run_tasks(_run_seed, [(robot, backend, seed) for seed in seeds], jobs=jobs, progress=progress)
     rms = {case: np.array([result[case] for result in results]) for case in CASES}
-    joints = tuple(joint.name for joint in described.axes)
+    joints = tuple(joint.name for joint in robot.axes)
     return TrackingStudy(
-        robot=described.name,
+        robot=robot.name,
         joints=joints,
         seeds=len(seeds),
         rms=tuple((case, tuple(find_spread(column) for column in rms[case].T)) for case in CASES),

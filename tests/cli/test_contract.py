@@ -76,7 +76,7 @@ def fail_with(monkeypatch, error):
     def raise_it(*_args, **_options):
         raise error
 
-    monkeypatch.setattr("symid.cli.check.load_robot", raise_it)
+    monkeypatch.setattr("symid.formats.loading.load_robot", raise_it)
 
 
 @pytest.mark.parametrize("name", VERBS)

@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 
+import casadi as ca
 import pytest
 
 
@@ -47,6 +48,16 @@ def test_generated_functions_of_standard_parameters(tmp_path):
     assert "Standard parameters pi:" in text
     assert "pi[9] M1 (kg)" in text
     assert "def torque_regressor(q, dq, ddq" in text
+
+
+def test_generated_casadi_functions(tmp_path):
+    order = ("generate", "two_link", "--target", "casadi", "--function", "gravity", "-o", tmp_path / "code")
+    result = run(*order)
+    assert (result["target"], result["selftest"]) == ("casadi", "passed")
+    assert result["runner"].startswith("CasADi ")
+    gravity = ca.Function.load(str(tmp_path / "code" / "gravity.casadi"))
+    assert (gravity.name_in(), gravity.name_out()) == (["q", "beta"], ["g"])
+    assert run(*order)["unchanged"]
 
 
 def test_derive_folds_joints_that_follow_others(tmp_path):

@@ -3,12 +3,8 @@
 import numpy as np
 import pytest
 
-from symid.cli.demo import _Findings, _judge
+from symid.api.demo import judge_demo
 from symid.elastic.tracking import TrackingRun
-
-
-def find_errors(parameters, hysteresis):
-    return _Findings(estimates={}, errors={"automatic": (parameters, hysteresis)})
 
 
 def follow(*sizes):
@@ -16,7 +12,7 @@ def follow(*sizes):
 
 
 def test_near_the_truth_and_better_than_rigid_is_well():
-    assert _judge(find_errors(1.9, 2.9), follow(0.01, 0.001)) == ()
+    assert judge_demo((1.9, 2.9), follow(0.01, 0.001)) == ()
 
 
 @pytest.mark.parametrize(
@@ -30,5 +26,5 @@ def test_near_the_truth_and_better_than_rigid_is_well():
     ],
 )
 def test_far_off_or_no_better_than_rigid_is_not(parameters, hysteresis, sizes, code):
-    (notice,) = _judge(find_errors(parameters, hysteresis), follow(*sizes))
+    (notice,) = judge_demo((parameters, hysteresis), follow(*sizes))
     assert notice.code == code

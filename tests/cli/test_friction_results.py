@@ -5,8 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from symid.cli.inputs import load_robot_library
-from symid.cli.output import Console
+from symid.codegen.cache import prepare_library
 from symid.formats.toml import read_robot
 from symid.joint.friction_law import find_torque
 from symid.joint.friction_laws import get_law
@@ -75,7 +74,7 @@ def test_the_robot_file_has_the_torque_of_the_law(capsys, identify, tmp_path):
     estimate = json.loads(result.read_text())["joints"][0]["estimate"]
     values = {entry["name"]: entry["value"] for entry in estimate["parameters"]}
     assert written["values"]["Fe"] == pytest.approx(values["fS"] - values["fC"], abs=1e-12)
-    library = load_robot_library(robot, Console(quiet=True, verbose=False))
+    library = prepare_library(robot)
     velocity = np.linspace(-0.2, 0.2, 801)
     (columns,) = library.evaluate("friction_regressor", velocity[:, None])
     law = get_law("stribeck+offset", smoothing=0.001)

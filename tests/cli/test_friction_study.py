@@ -3,6 +3,7 @@
 import json
 import re
 import xml.etree.ElementTree as ET
+from types import SimpleNamespace
 
 import pytest
 
@@ -68,15 +69,16 @@ def test_the_page_has_a_counterpart_of_every_figure(answer):
     assert "run to run" not in text
 
 
-def test_people_read_the_paper_next_to_ours(answer, capsys):
+def test_people_read_the_paper_next_to_ours(monkeypatch):
     # The tables of the terminal and of the page are one text.
-    from symid.cli.friction_study import _write_table
-    from symid.report.friction_study_tables import StudyTable
+    from symid.report import friction_study_tables, study_text
 
-    table = StudyTable(
+    table = friction_study_tables.StudyTable(
         title="title", names=("who", "estimator"), rows=(("paper", "a"), ("ours", "b")), notes=("n",)
     )
-    assert _write_table(table).splitlines() == [
+    monkeypatch.setattr(friction_study_tables, "list_tables", lambda _: (table,))
+    shown, _ = study_text.show_friction_tables(SimpleNamespace(checks=()))
+    assert str(shown).splitlines() == [
         "title",
         "who    estimator",
         "-----  ---------",
@@ -97,7 +99,42 @@ def test_people_read_the_paper_next_to_ours(answer, capsys):
 def test_options_that_a_study_does_not_read_are_refused(capsys, arguments):
     assert run(["study", *arguments, "--json"]) == 2
     (error,) = json.loads(capsys.readouterr().out)["errors"]
-    assert error["code"] == "usage.study-option"
+    assert error["code"] == "usage.call"
+    assert f"Try 'symid study {arguments[0]} --help'." in error["text"]
+
+
+def test_every_study_has_help_of_its_own(capsys):
+    assert run(["study", "--help"]) == 0
+    names = re.findall(r"^  ([a-z-]+)  ", capsys.readouterr().out.partition("Commands:")[2], re.MULTILINE)
+    assert names == ["cutoff", "elastic", "friction-tables", "precision", "six-joints", "tracking"]
+    takes = {}
+    for name in names:
+        assert run(["study", name, "--help"]) == 0
+        text = capsys.readouterr().out
+        assert "--json" in text
+        takes[name] = {option for option in ("--times", "--output", "--seeds") if option in text}
+    assert takes["friction-tables"] == {"--times", "--output", "--seeds"}
+    assert takes["tracking"] == {"--seeds"}
+    assert takes["cutoff"] == set()
+
+
+@pytest.mark.parametrize("flags", [("--json",), ("-q", "--json"), ("-vq", "--json")])
+def test_common_flags_stand_before_a_study_or_behind_it(capsys, flags):
+    arguments = ("friction-tables", "--seeds", "1")
+    assert run(["study", *arguments, *flags]) == 2
+    behind = capsys.readouterr()
+    assert run(["study", *flags, *arguments]) == 2
+    assert capsys.readouterr() == behind
+    assert json.loads(behind.out)["errors"][0]["code"] == "usage.friction-draws"
+
+
+def test_a_study_must_be_named(capsys):
+    assert run(["study", "--json"]) == 2
+    (error,) = json.loads(capsys.readouterr().out)["errors"]
+    assert error["code"] == "usage.call"
+    assert "one of elastic, tracking" in error["text"]
+    assert run(["study"]) == 2
+    assert "friction-tables" in capsys.readouterr().err
 
 
 def test_one_draw_is_refused(capsys):

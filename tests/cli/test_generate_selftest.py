@@ -97,7 +97,7 @@ def test_only_the_program_itself_can_pass(capsys, tmp_path, monkeypatch, c_compi
 
 @pytest.mark.usefixtures("with_make")
 def test_a_test_that_does_not_end_is_said(capsys, tmp_path, monkeypatch, c_compiler):
-    monkeypatch.setattr("symid.cli.selftest._TIMEOUT", 3.0)
+    monkeypatch.setattr("symid.codegen.selftest._TIMEOUT", 3.0)
     program = "#!/bin/sh\\\\nexec sleep 60\\\\n"
     use_compiler(monkeypatch, make_compiler(tmp_path / "bin", build_instead(program)))
     code, answer = call(capsys, *NAMES, "-o", tmp_path / "code")
@@ -124,9 +124,9 @@ def test_files_of_the_user_take_no_part(capsys, tmp_path, target):
 
 
 def test_a_file_that_is_changed_before_the_test_is_told(capsys, tmp_path, monkeypatch, target):
-    from symid.codegen import writer
+    from symid.codegen import generation
 
-    write = writer.write_sources
+    write = generation.write_sources
     for change in ("edited", "gone"):
         folder = tmp_path / change
 
@@ -138,7 +138,7 @@ def test_a_file_that_is_changed_before_the_test_is_told(capsys, tmp_path, monkey
                 (folder / "README.md").write_text("mine")
             return paths
 
-        monkeypatch.setattr(writer, "write_sources", meddle)
+        monkeypatch.setattr(generation, "write_sources", meddle)
         code, answer = call(capsys, *NAMES, "--target", target, "-o", folder)
         assert code == 70
         assert [entry["code"] for entry in answer["errors"]] == ["generate.selftest-failed"]
@@ -147,9 +147,9 @@ def test_a_file_that_is_changed_before_the_test_is_told(capsys, tmp_path, monkey
 
 def test_a_record_is_kept_of_the_code_that_was_tested_alone(capsys, tmp_path, monkeypatch, target):
     """Whoever writes without asking for the lock, while the self-test runs, is not written over."""
-    from symid.cli import generate
+    from symid.codegen import generation
 
-    folder, run = tmp_path / "code", generate.run_selftest
+    folder, run = tmp_path / "code", generation.run_selftest
 
     def meddle(place, *arguments):
         found = run(place, *arguments)
@@ -157,7 +157,7 @@ def test_a_record_is_kept_of_the_code_that_was_tested_alone(capsys, tmp_path, mo
         (place / "manifest.json").write_text(json.dumps({**manifest, "options": "others"}))
         return found
 
-    monkeypatch.setattr(generate, "run_selftest", meddle)
+    monkeypatch.setattr(generation, "run_selftest", meddle)
     code, answer = call(capsys, *NAMES, "--target", target, "-o", folder)
     assert code == 3
     assert [entry["code"] for entry in answer["errors"]] == ["output.changed-meanwhile"]

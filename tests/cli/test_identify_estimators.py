@@ -94,4 +94,4 @@ def test_the_studies_of_identification_answer(capsys, log):
     for arguments in (("precision",), ("cutoff", "two_link"), ("elastic", "two_link")):
         code, answer = call(capsys, "study", *arguments)
         assert code == 2
-        assert find_codes(answer) == {"usage.study-inputs"}
+        assert find_codes(answer) == {"usage.call"}

@@ -6,13 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from symid.cli.inputs import describe_settings, load_robot
 from symid.cli.main import run
 from symid.codegen.cache import prepare_library
 from symid.elastic.estimate import ElasticEstimate, SpringEstimate
 from symid.elastic.fit import ElasticOutcome
 from symid.elastic.storage import write_elastic_estimate
 from symid.estimators.estimate import ParameterEstimate, Residual
+from symid.formats.loading import load_robot
+from symid.formats.settings import describe_settings
 
 ROBOT = "two_link_elastic"
 

@@ -66,7 +66,7 @@ def test_sensors_of_elastic_joints_are_refused_for_rigid_ones(capsys, tmp_path):
 
 
 def test_a_spring_without_values_is_refused_first(capsys, tmp_path, monkeypatch, robots_folder):
-    monkeypatch.setattr("symid.cli.simulate.load_robot_library", None)
+    monkeypatch.setattr("symid.codegen.cache.prepare_library", None)
     text = (robots_folder / "two_link_elastic.toml").read_text(encoding="utf-8")
     robot = tmp_path / "arm.toml"
     empty = re.sub(r"(?m)^stiffness = \d+", 'stiffness = "unknown"', text)

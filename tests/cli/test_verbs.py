@@ -139,7 +139,7 @@ def test_simulate_writes_over_nothing(capsys, log):
 
 
 def test_simulate_ta_is_for_two_joints(capsys, tmp_path, monkeypatch):
-    monkeypatch.setattr("symid.cli.simulate.check_values", lambda _: None)
+    monkeypatch.setattr("symid.simulation.stated_values.check_values", lambda _: None)
     code, answer = call_json(capsys, "simulate", "emps", "--trajectory", "ta", "-o", tmp_path / "a.npz")
     assert code == 2
     assert list(tmp_path.iterdir()) == []
@@ -266,7 +266,7 @@ def test_doctor(capsys):
 
 
 def test_doctor_says_what_is_missing(capsys, monkeypatch):
-    monkeypatch.setattr("symid.cli.doctor._PACKAGES", ("click", "no-such-package-here"))
+    monkeypatch.setattr("symid.tasks.installation._PACKAGES", ("click", "no-such-package-here"))
     code, answer = call_json(capsys, "doctor")
     assert code == 1
     assert answer["errors"][0]["code"] == "doctor.missing"
@@ -293,7 +293,7 @@ def test_demo_ends_well(capsys, tmp_path):
 
 
 def test_demo_does_not_hide_a_bad_end(capsys, tmp_path, monkeypatch):
-    monkeypatch.setattr("symid.cli.demo._MOST_PARAMETERS", 1e-9)
+    monkeypatch.setattr("symid.api.demo._MOST_PARAMETERS", 1e-9)
     code, answer = call_json(capsys, "demo", "-o", tmp_path / "demo")
     assert code == 1
     assert "demo.off-truth" in {entry["code"] for entry in answer["errors"]}
@@ -330,7 +330,7 @@ def test_identify_takes_a_log_once(capsys, log, tmp_path):
 
 
 def test_simulate_says_first_what_the_file_lacks(capsys, tmp_path, monkeypatch):
-    monkeypatch.setattr("symid.cli.simulate.load_robot_library", None)
+    monkeypatch.setattr("symid.codegen.cache.prepare_library", None)
     code, answer = call_json(capsys, "simulate", "emps", "-o", tmp_path / "a.npz")
     assert code == 3
     assert answer["errors"][0]["code"] == "robot.no-values"

@@ -71,7 +71,6 @@ def change(path, value):
         (("rows", 0, "value"), None),
         (("rows", 0, "value"), float("nan")),
         (("rows", 0, "std"), 1e-12),
-        (("rows", 1), {"std": 0.5, "value": -3.0}),
         (("rows",), STORED["rows"][:1]),
         (("long",), keep([0.1 * k for k in reversed(range(LONGEST_LIST + 1))])),
         (("more",), 0),

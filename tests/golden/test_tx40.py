@@ -172,7 +172,7 @@ def compare(capsys, tmp_path, shared_data, estimate, column, *options):
 
 def name_settings(estimate, robot):
     """Return the estimate as `symid identify` writes it: with the log map."""
-    from symid.cli.inputs import describe_settings
+    from symid.formats.settings import describe_settings
 
     settings = {"log": describe_settings(robot)["log"], **estimate.settings}
     return replace(estimate, settings=settings)

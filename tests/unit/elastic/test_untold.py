@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from symid.cli.inputs import describe_settings
 from symid.cli.main import run
 from symid.elastic.consistency import solve_consistent
 from symid.elastic.covariance import find_clustered_covariance, find_covariance, find_told, mark_untold
@@ -14,6 +13,7 @@ from symid.elastic.identify import identify_elastic
 from symid.elastic.options import ElasticOptions
 from symid.elastic.storage import read_elastic_estimate, write_elastic_estimate
 from symid.errors import EstimateError
+from symid.formats.settings import describe_settings
 from symid.formats.toml import read_robot
 from tests.recovery.elastic_runs import prepare_arm, run_arm
 

@@ -9,13 +9,13 @@ from symid import __version__
 from symid.elastic.estimate import ElasticEstimate, MethodTrial, SpringEstimate
 from symid.elastic.fit import ElasticOutcome, HistoryEntry
 from symid.elastic.tracking import TrackingRun
+from symid.elastic.trial import ElasticTrial, JointTrial
 from symid.errors import Notice
 from symid.estimators.estimate import ParameterEstimate, Residual
 from symid.joint.plays import find_hysteresis_torque
 from symid.report.comparison import Comparison, MethodScore, build_comparison
 from symid.report.elastic import ElasticExtras, ElasticPage, build_elastic_report, write_elastic_report
 from symid.report.elastic_springs import build_spring
-from symid.report.elastic_trial import ElasticTrial, JointTrial
 from symid.report.templates import find_variables
 from symid.report.tracking import Tracking
 from symid.robot.elasticity import Elasticity, Knee, Stop

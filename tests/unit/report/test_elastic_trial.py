@@ -8,10 +8,10 @@ from symid.data.recording import Recording
 from symid.elastic.estimate import ElasticEstimate, SpringEstimate
 from symid.elastic.fit import ElasticFit, ElasticOutcome
 from symid.elastic.options import ElasticOptions
+from symid.elastic.trial import predict_trial, try_estimate
 from symid.errors import EstimateError, LogError
 from symid.estimators.estimate import ParameterEstimate, Residual
-from symid.identification.validate import find_digest
-from symid.report.elastic_trial import predict_trial, try_estimate
+from symid.provenance import find_file_digest
 from symid.robot.elasticity import Elasticity
 from tests.recovery.closed_form import build_one_axis
 
@@ -181,5 +181,5 @@ def test_a_log_of_the_fit_is_known_by_path_or_content(library, tmp_path):
     assert not try_estimate(build_estimate(), library, build_log("")).fitted
     copy = tmp_path / "copy.npz"
     copy.write_bytes(b"the same bytes")
-    estimate = build_estimate(settings={"log_digests": [find_digest(str(copy))], "cutoff": 0.0})
+    estimate = build_estimate(settings={"log_digests": [find_file_digest(str(copy))], "cutoff": 0.0})
     assert try_estimate(estimate, library, build_log(str(copy))).fitted

@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from symid.cli.study import _write_dataset
+from symid.formats.toml import read_robot
+from symid.report.study_text import _show_dataset
 from symid.study import elastic_study
 from symid.study.elastic_runs import DATASETS, Condition
 from symid.study.elastic_study import DatasetStudy, study_elastic
@@ -32,7 +33,7 @@ def write(cells):
     study = DatasetStudy(
         dataset="TA", condition=Condition.CLEAN, seeds=3, bound=nan, spring_bound=nan, cells=cells
     )
-    _, heading, _, row = _write_dataset(study).splitlines()
+    _, heading, _, row = str(_show_dataset(study)).splitlines()
     return heading.split(), row.split()
 
 
@@ -54,9 +55,9 @@ def test_without_them_nothing_differs_from_run_to_run():
 
 @pytest.mark.slow
 def test_the_number_of_processes_changes_nothing(robots_folder):
-    path = robots_folder / "two_link_elastic.toml"
+    robot = read_robot(robots_folder / "two_link_elastic.toml")
     one, two = (
-        study_elastic(path, [0], datasets=DATASETS[2:3], methods=("linear-spring",), jobs=jobs)
+        study_elastic(robot, [0], datasets=DATASETS[2:3], methods=("linear-spring",), jobs=jobs)
         for jobs in (1, 2)
     )
     # Numbers that are not there are nan, which is not itself; their text is.

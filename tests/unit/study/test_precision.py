@@ -11,14 +11,14 @@ from symid.study.precision import study_precision
 
 
 @pytest.fixture(scope="module")
-def path(robots_folder):
-    return robots_folder / "two_link.toml"
+def robot(robots_folder):
+    return read_robot(robots_folder / "two_link.toml")
 
 
-def test_the_bound_is_reached_and_deviations_are_honest(path, monkeypatch):
+def test_the_bound_is_reached_and_deviations_are_honest(robot, monkeypatch):
     monkeypatch.setattr(precision, "_SEEDS_PER_TASK", 15)
-    found = study_precision(path, range(60), jobs=1)
-    assert found.robot == read_robot(path).name
+    found = study_precision(robot, range(60), jobs=1)
+    assert found.robot == "two_link"
     assert [entry.method for entry in found.methods] == ["wls", "momentum", "consistent"]
     for entry in found.methods:
         # Sixty draws scatter by a tenth.
@@ -27,13 +27,13 @@ def test_the_bound_is_reached_and_deviations_are_honest(path, monkeypatch):
         assert abs(entry.coverage_percent - 95.0) < 3.5
     assert found.methods[2].least_eigenvalue > 0.0
     assert found.methods[2].worst_price_percent < 0.5
-    again = study_precision(path, range(60), jobs=2)
+    again = study_precision(robot, range(60), jobs=2)
     assert again == found
 
 
-def test_a_seed_gives_the_fit_of_its_rows(path):
+def test_a_seed_gives_the_fit_of_its_rows(robot):
     """Values made anew in the triangles, against a fit to the rows with that noise."""
-    scene, _ = precision._load_scene(path)
+    scene = precision._load_scene(robot, "auto")
     rows = scene.rows["torque"]
     rng = np.random.default_rng(7)
     noise = rng.normal(size=len(rows.values)) * scene.deviations[rows.group]

@@ -1,6 +1,5 @@
 """Which methods the tracking study lets the automatic choice choose from."""
 
-from pathlib import Path
 from unittest.mock import Mock
 
 import pytest
@@ -11,11 +10,11 @@ from symid.study import tracking_study
 
 def test_the_automatic_choice_has_all_its_candidates(monkeypatch):
     fit_all = Mock(side_effect=KeyError("asked"))
-    for name in ("prepare_world", "read_robot", "observe_runs"):
+    for name in ("prepare_world", "observe_runs"):
         monkeypatch.setattr(tracking_study, name, Mock())
     monkeypatch.setattr(tracking_study, "fit_all", fit_all)
     with pytest.raises(KeyError, match="asked"):
-        tracking_study._run_seed((Path("robot.toml"), 1))
+        tracking_study._run_seed((Mock(), "auto", 1))
     methods = set(fit_all.call_args.args[3])
     assert set(CANDIDATES) <= methods
     assert {"independent", "independent, link encoder"} <= methods

@@ -1,0 +1,128 @@
+"""The base parameters of a robot: all that its motions and torques can tell, exactly, with reasons.
+
+Input: a robot. Output: `BaseSet`.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, final
+
+from symid.api.result import Result
+from symid.errors import Notice, UsageError
+
+if TYPE_CHECKING:  # these load SymPy
+    from symid.parameters.base import BaseParameter, BaseParameters
+    from symid.report.blocks import Block
+    from symid.robot.description import Robot
+
+__all__ = ["BaseForm", "BaseSet", "find_base_set"]
+
+BaseForm = Literal["torque", "energy", "momentum", "gravity"]
+
+
+@final
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class BaseSet(Result):
+    """The base parameters of a robot; iterate over it for the names, in Khalil's order.
+
+    Attributes:
+        robot: the robot.
+        form: what was looked at: "torque", "energy", "momentum" or "gravity" (torques at rest).
+        product: names, groupings, reasons, and the exact null space.
+    """
+
+    robot: "Robot"
+    form: BaseForm
+    product: "BaseParameters"
+
+    @property
+    def count(self) -> int:
+        """Return how many inertial base parameters there are; friction parameters are counted apart."""
+        return self.product.count
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the inertial base parameters, in the order of beta."""
+        return tuple(entry.name for entry in self.product.parameters)
+
+    @property
+    def friction(self) -> tuple[str, ...]:
+        """Return the names of the friction parameters, in the order of f."""
+        return tuple(entry.name for entry in self.product.friction)
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """Return the values in SI units that the robot file states, by name; not all files state all."""
+        from symid.parameters.values import find_parameter_values
+
+        return find_parameter_values(self.robot, self.product)
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """Return what a reader should know of the robot."""
+        return self.robot.notices
+
+    def __len__(self) -> int:
+        """Return how many inertial base parameters there are."""
+        return self.count
+
+    def __iter__(self) -> Iterator[str]:
+        """Yield the names of the inertial base parameters."""
+        return iter(self.names)
+
+    def __getitem__(self, name: str) -> "BaseParameter":
+        """Return the base or friction parameter called `name`.
+
+        Raises:
+            UsageError: there is no such parameter; the message has the nearest name.
+        """
+        entries = {entry.name: entry for entry in (*self.product.parameters, *self.product.friction)}
+        if name not in entries:
+            from symid.formats.section import find_nearest
+
+            gone = {entry.name: entry.reason for entry in self.product.eliminated}
+            hint = gone.get(name) or find_nearest(name, entries) or f"there are {', '.join(entries)}"
+            text = f"{name!r} is no base parameter of {self.robot.name}: {hint}"
+            raise UsageError(Notice(code="usage.unknown-parameter", text=text))
+        return entries[name]
+
+    def explain(self, name: str) -> str:
+        """Return what a parameter groups and why, or why it has no effect and was eliminated.
+
+        Raises:
+            UsageError: the robot has no such parameter.
+        """
+        gone = {entry.name: entry.reason for entry in self.product.eliminated}
+        if name in gone:
+            return f"{name} was eliminated: {gone[name]}"
+        entry = self[name]
+        return f"{entry.name} = {entry.expression}: {entry.reason}"
+
+    def summarise(self) -> str:
+        """Return robot and count."""
+        return f"{self.robot.name}: {self.count} base parameters ({self.form})"
+
+    def blocks(self) -> "tuple[Block, ...]":
+        """Return a headline, and every parameter with its grouping and reason."""
+        from symid.report.base_text import show_base
+
+        return show_base(self.robot, self.product)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return names, expressions, reasons, values and the null space in plain types."""
+        from symid.report.base_text import describe_base
+
+        return {**describe_base(self.robot, self.product), "of": self.form}
+
+    def _repr_latex_(self) -> str:
+        """Return names and groupings as formulas for a notebook."""
+        from symid.report.base_text import write_latex
+
+        return write_latex(self.robot, self.product)
+
+
+def find_base_set(robot: "Robot", form: BaseForm = "torque") -> BaseSet:
+    """Return the base parameters of `robot`; see `BaseSet`."""
+    from symid.parameters.base import find_base_parameters
+
+    return BaseSet(robot=robot, form=form, product=find_base_parameters(robot, form=form))

@@ -1,0 +1,398 @@
+"""A robot's functions as code: written to a folder, or compiled, loaded and called from Python.
+
+Input: a robot. Output: `WrittenCode`; `CompiledModel` with a `RobotFunction` for each of its functions.
+
+    lib = robot.compile()
+    M = lib.mass_matrix(q, lib.beta)            one sample (n,) or a batch (N, n)
+    T, V = lib.energy(q, dq, lib.beta)          several outputs, also by name: lib.energy(...).T
+    torque = lib.inverse_dynamics.bind()        for loops of one sample at a time
+
+Supported: every function of the catalogue that the robot has.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike, fspath
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, cast, final
+
+from symid.api.result import Progress, Result
+from symid.errors import Notice, UsageError
+
+if TYPE_CHECKING:  # these load NumPy, SymPy or CasADi
+    import casadi
+    from numpy.typing import ArrayLike
+
+    from symid.arrays import FloatArray
+    from symid.codegen.calls import Call
+    from symid.codegen.functions import FunctionSpec, ModelCard, ParameterCard
+    from symid.codegen.generation import GeneratedFolder
+    from symid.codegen.library import Library
+    from symid.codegen.symbolic import SymbolicFunction
+    from symid.parameters.base import BaseParameters
+    from symid.report.blocks import Block
+    from symid.robot.description import Robot
+
+__all__ = [
+    "CompiledModel",
+    "Outputs",
+    "Parameters",
+    "RobotFunction",
+    "Target",
+    "TupleFunction",
+    "WrittenCode",
+    "build_casadi",
+    "build_sympy",
+    "write_code",
+]
+
+Target = Literal["c", "python", "casadi"]
+Parameters = Literal["base", "standard"]
+
+
+@final
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class WrittenCode(Result):
+    """A folder of generated code that needs neither symid nor anything else of it.
+
+    Attributes:
+        robot: the robot.
+        product: the folder, its manifest, and what its self-test said.
+    """
+
+    robot: "Robot"
+    product: "GeneratedFolder"
+
+    @property
+    def folder(self) -> Path:
+        """Return the folder."""
+        return self.product.folder
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Return all files that were written."""
+        return self.product.files
+
+    @property
+    def unchanged(self) -> bool:
+        """Return whether the folder was up to date, so that nothing was done."""
+        return self.product.unchanged
+
+    @property
+    def selftest(self) -> str:
+        """Return how its self-test went: "passed", or "not run" where there is no compiler."""
+        return self.product.record.selftest
+
+    @property
+    def operations(self) -> Mapping[str, Mapping[str, int]]:
+        """Return products (mul), sums (add), sines and cosines (trig) by function."""
+        return self.product.operations
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """Return what a reader should know of the robot, and of a self-test that was not run."""
+        return (*self.robot.notices, *self.product.notices)
+
+    def summarise(self) -> str:
+        """Return the folder, what was done, and how its self-test went."""
+        from symid.report.code_text import summarise_code
+
+        return summarise_code(self.product)
+
+    def blocks(self) -> "tuple[Block, ...]":
+        """Return a headline, and the operations and sizes of every function."""
+        from symid.report.code_text import show_code
+
+        return show_code(self.product)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return files, operations and sizes in plain types."""
+        from symid.report.code_text import describe_code
+
+        return describe_code(self.robot.name, self.product)
+
+
+def write_code(
+    robot: "Robot",
+    target: Target,
+    folder: str | PathLike[str],
+    *,
+    functions: Sequence[str] | None,
+    precision: str,
+    parameters: Parameters,
+    constant: bool,
+    trigonometry: str,
+    friction_laws: bool,
+    force: bool,
+    progress: Progress,
+) -> WrittenCode:
+    """Write the functions of `robot` to `folder`; see `RobotModel.write`."""
+    from symid.codegen.generation import CodeOrder, generate_folder
+    from symid.codegen.options import GenerateOptions
+
+    order = CodeOrder(
+        names=tuple(functions) if functions else None,
+        target=target,
+        parameters=parameters,
+        constant=constant,
+        options=GenerateOptions(precision=precision, trigonometry=trigonometry, friction_laws=friction_laws),
+    )
+    made = generate_folder(robot, order, Path(fspath(folder)), progress=progress, force=force)
+    return WrittenCode(robot=robot, product=made)
+
+
+@final
+class Outputs(tuple["FloatArray", ...]):  # noqa: SLOT001  every one has its own names
+    """The outputs of a function with several: in order as a tuple, and by their names as attributes."""
+
+    names: tuple[str, ...]
+
+    @classmethod
+    def build(cls, names: Sequence[str], values: Sequence["FloatArray"]) -> "Outputs":
+        """Return `values` under `names`."""
+        made = cls(values)
+        made.names = tuple(names)
+        return made
+
+    def __getattr__(self, name: str) -> "FloatArray":
+        names: tuple[str, ...] = self.__dict__.get("names", ())
+        if name not in names:
+            message = f"there is no output {name!r}; there are {', '.join(names)}"
+            raise AttributeError(message)
+        return self[names.index(name)]
+
+    def __repr__(self) -> str:
+        pairs = zip(self.names, self, strict=True)
+        return f"Outputs({', '.join(f'{name}={value!r}' for name, value in pairs)})"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class _Function:
+    """A function of a library.
+
+    Attributes:
+        spec: its name, its inputs and outputs with shapes and units, and what it is.
+        library: that computes it.
+    """
+
+    spec: "FunctionSpec"
+    library: "Library"
+
+    def __repr__(self) -> str:
+        """Return the call in one line, with the shapes of one sample."""
+        inputs, outputs = (
+            ", ".join(f"{port.name}{list(port.shape)}" for port in ports)
+            for ports in (self.spec.inputs, self.spec.outputs)
+        )
+        return f"<{self.spec.name}({inputs}) -> {outputs}: {self.spec.meaning}>"
+
+    def bind(self, *, out: "Sequence[FloatArray] | None" = None) -> "Call":
+        """Return the function for one sample at a time, with little overhead; it returns a tuple always.
+
+        One bound function belongs to one thread.
+
+        Args:
+            out: float64 arrays that every call writes its outputs to and returns; None for new ones.
+
+        Raises:
+            UsageError: `out` cannot take the outputs.
+        """
+        return self.library.bind(self.spec.name, out=out)
+
+    def _evaluate(
+        self, inputs: "tuple[ArrayLike, ...]", out: "Sequence[FloatArray] | None"
+    ) -> "tuple[FloatArray, ...]":
+        # The library reads whatever NumPy can read, and says what is wrong otherwise.
+        arrays = cast("tuple[FloatArray, ...]", inputs)
+        return self.library.evaluate(self.spec.name, *arrays, out=out)
+
+
+@final
+class RobotFunction(_Function):
+    """A function with one output, ready to call."""
+
+    __slots__ = ()
+
+    def __call__(self, *inputs: "ArrayLike", out: "FloatArray | None" = None) -> "FloatArray":
+        """Return the output for one sample, or for a batch.
+
+        Args:
+            inputs: in the order of `spec.inputs`: (n,) each, or (N, n) for N samples; vectors of parameters
+                are shared by all samples. SI units, angles in rad.
+            out: a float64 array to write to and return; None for a new one.
+
+        Raises:
+            UsageError: an input has a wrong shape or no real numbers, or `out` cannot take the output.
+        """
+        return self._evaluate(inputs, None if out is None else (out,))[0]
+
+
+@final
+class TupleFunction(_Function):
+    """A function with several outputs, ready to call."""
+
+    __slots__ = ()
+
+    def __call__(self, *inputs: "ArrayLike", out: "Sequence[FloatArray] | None" = None) -> Outputs:
+        """Return the outputs for one sample, or for a batch, in order and by name.
+
+        Args:
+            inputs: in the order of `spec.inputs`: (n,) each, or (N, n) for N samples; vectors of parameters
+                are shared by all samples. SI units, angles in rad.
+            out: float64 arrays to write to and return; None for new ones.
+
+        Raises:
+            UsageError: an input has a wrong shape or no real numbers, or `out` cannot take the outputs.
+        """
+        names = [port.name for port in self.spec.outputs]
+        return Outputs.build(names, self._evaluate(inputs, out))
+
+
+@final
+class CompiledModel:
+    """The functions of a robot, compiled and loaded: one attribute each; made by `RobotModel.compile`.
+
+    Attributes:
+        library: what computes them, as identification and simulation use it.
+    """
+
+    forward_kinematics: TupleFunction
+    jacobian: RobotFunction
+    mass_matrix: RobotFunction
+    coriolis_matrix: RobotFunction
+    gravity: RobotFunction
+    bias: RobotFunction
+    inverse_dynamics: RobotFunction
+    forward_dynamics: RobotFunction
+    inverse_dynamics_derivatives: TupleFunction
+    energy: TupleFunction
+    energy_regressor: TupleFunction
+    momentum_regressor: RobotFunction
+    lagrange_regressor: RobotFunction
+    torque_regressor: RobotFunction
+    slotine_li_regressor: RobotFunction
+    friction: RobotFunction
+    friction_regressor: RobotFunction
+    hysteresis_step: TupleFunction
+    hysteresis_inverse_step: TupleFunction
+    elastic_inverse_dynamics: TupleFunction
+
+    def __init__(self, library: "Library") -> None:
+        self.library = library
+        for spec in library.card.functions:
+            # Of springs without stops a step has the torque alone; the type is that of the name all the same.
+            kind = TupleFunction if _TUPLES[spec.name] else RobotFunction
+            setattr(self, spec.name, kind(spec=spec, library=library))
+
+    @property
+    def functions(self) -> tuple[str, ...]:
+        """Return the names of the functions."""
+        return tuple(spec.name for spec in self.card.functions)
+
+    @property
+    def card(self) -> "ModelCard":
+        """Return the model behind the functions: names, units, groupings and reasons of its parameters."""
+        return self.library.card
+
+    @property
+    def backend(self) -> str:
+        """Return what computes the functions: "c", "python" or "casadi"."""
+        return self.library.backend
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """Return what a user should know, for example that there was no compiler."""
+        return self.library.notices
+
+    @property
+    def beta(self) -> "FloatArray":
+        """Return the base parameters with the robot file's values: (b,), SI units.
+
+        Raises:
+            UsageError: the robot file does not state them all; the message has what is missing.
+        """
+        return self._take_values("beta", self.card.beta)
+
+    @property
+    def f(self) -> "FloatArray":
+        """Return the friction parameters with the robot file's values: (p,), SI units.
+
+        Raises:
+            UsageError: the robot file does not state them all; the message has what is missing.
+        """
+        return self._take_values("f", self.card.friction)
+
+    @property
+    def h(self) -> "FloatArray":
+        """Return the parameters of the springs with the robot file's values, SI units; see `f`."""
+        return self._take_values("h", self.card.springs)
+
+    @property
+    def IA(self) -> "FloatArray":
+        """Return the rotor inertias of elastic joints on the joint side, (n,) kg m^2; see `f`."""
+        return self._take_values("IA", self.card.rotors)
+
+    def _take_values(self, letter: str, entries: "Sequence[ParameterCard]") -> "FloatArray":
+        import numpy as np
+
+        missing = ", ".join(entry.name for entry in entries if entry.value is None)
+        if missing:
+            text = f"{letter}: the robot file of {self.card.robot!r} does not state the values of {missing}"
+            raise UsageError(Notice(code="usage.no-values", text=text))
+        return np.array([entry.value for entry in entries], dtype=np.float64)
+
+    def __repr__(self) -> str:
+        """Return robot, functions and backend in one line."""
+        return f"<CompiledModel {self.card.robot}: {len(self.functions)} functions, {self.backend}>"
+
+    if not TYPE_CHECKING:  # what is annotated above is all there is
+
+        def __getattr__(self, name: str) -> object:
+            """Refuse a name that is none of the functions, with the nearest one."""
+            if name.startswith("_") or "library" not in self.__dict__:
+                raise AttributeError(name)
+            from symid.formats.section import find_nearest
+
+            hint = find_nearest(name, self.functions) or f"there are {', '.join(self.functions)}"
+            message = f"{self.card.robot!r} has no function {name!r}: {hint}"
+            raise AttributeError(message)
+
+
+_TUPLES = {name: kind is TupleFunction for name, kind in CompiledModel.__annotations__.items()}
+"""Of every function of the catalogue, whether it can have several outputs."""
+
+
+def build_sympy(
+    robot: "Robot", name: str, base: "BaseParameters", *, standard: bool = False
+) -> "SymbolicFunction":
+    """Return a function of the catalogue in exact symbols; see `RobotModel.sympy`."""
+    from symid.codegen.symbolic import derive_symbolic
+
+    _check_name(robot, name, base)
+    return derive_symbolic(robot, name, standard=standard, base=base)
+
+
+def build_casadi(
+    robot: "Robot", name: str, base: "BaseParameters", *, standard: bool = False, constant: bool = False
+) -> "casadi.Function":
+    """Return a function of the catalogue as a CasADi function; see `RobotModel.casadi`."""
+    from symid.codegen.casadi_functions import build_casadi_function
+
+    _check_name(robot, name, base)
+    return build_casadi_function(robot, name, standard=standard, constant=constant)
+
+
+def _check_name(robot: "Robot", name: str, base: "BaseParameters") -> None:
+    """Refuse a function that the catalogue does not have for this robot.
+
+    Raises:
+        UsageError: with the nearest names.
+    """
+    from symid.codegen.catalogue import find_robot_specs
+    from symid.formats.section import find_nearest
+
+    names = [spec.name for spec in find_robot_specs(robot, base)]
+    if name not in names:
+        hint = find_nearest(name, names) or f"there are {', '.join(names)}"
+        text = f"function {name!r} is not in the catalogue of {robot.name}: {hint}"
+        raise UsageError(Notice(code="usage.unknown-function", text=text))

@@ -1,0 +1,636 @@
+"""The result of an identification: parameters with their uncertainty, and what can be done with them.
+
+Input: estimates, of now or from a file. Output: `RigidFit`, `ElasticFit`, `FrictionFit`, all of them a `Fit`.
+
+    fit["ZZ2"].value, fit["ZZ2"].std    one parameter
+    fit.validate("test.csv")            what it explains of a log that was not fitted
+    fit.save("fit.json")                symid.load_fit("fit.json") reads it back
+"""
+
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from os import PathLike, fspath
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol, final
+
+from symid.api.log import LogLike, Logs, list_logs
+from symid.api.report import FitPage
+from symid.api.result import Progress, Result, ignore
+from symid.api.robot import RobotModel, Settings, list_pairs, load
+from symid.api.validation import LogValidation
+from symid.errors import EstimateError, Notice, UsageError
+
+if TYPE_CHECKING:  # these load NumPy
+    from symid.api.comparison import Comparison, DeviationUnit
+    from symid.api.export import ExportedFile, Precision
+    from symid.arrays import FloatArray
+    from symid.data.alignment import Alignment
+    from symid.data.recording import Recording
+    from symid.elastic.estimate import ElasticEstimate, SpringEstimate
+    from symid.estimators.estimate import Estimate, ParameterEstimate, Residual
+    from symid.friction.results import FrictionIdentification, JointFriction
+    from symid.identification.diagnosis import Diagnosis
+    from symid.report.blocks import Block
+    from symid.report.fit_page import Known, Page, PageRequest
+    from symid.tasks.validate import TrackingTask, Trial
+
+__all__ = ["ElasticFit", "Fit", "FrictionFit", "RigidFit", "find_estimate", "load_fit"]
+
+
+class _Product(Protocol):
+    """What estimates of all kinds have."""
+
+    @property
+    def robot(self) -> str: ...
+    @property
+    def signature(self) -> str: ...
+    @property
+    def sources(self) -> tuple[str, ...]: ...
+    @property
+    def settings(self) -> Mapping[str, object]: ...
+    @property
+    def refused(self) -> tuple[tuple[str, str], ...]: ...
+    @property
+    def notices(self) -> tuple[Notice, ...]: ...
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Fit(Result):
+    """The result of an identification, of any kind.
+
+    Attributes:
+        file: where it was read from; None for a fit of now.
+        model: the robot, as it was loaded; None for a fit from a file that named none.
+        progress: told what begins, where the robot is loaded by its name.
+        said: what a reader should know, those of robot and logs included; None for those of the estimate.
+        extra: entries for programs that only a fit of now has, such as what computed the functions.
+    """
+
+    file: Path | None = None
+    model: RobotModel | None = None
+    progress: Progress = ignore
+    said: tuple[Notice, ...] | None = None
+    extra: Mapping[str, object] = field(default_factory=dict)
+
+    @property
+    @abstractmethod
+    def product(self) -> _Product:
+        """Return the estimate with all that was used to get it."""
+
+    @property
+    @abstractmethod
+    def parameters(self) -> "tuple[ParameterEstimate, ...]":
+        """Return the parameters that were found, with value, standard deviation and unit."""
+
+    @property
+    @abstractmethod
+    def residual(self) -> "tuple[Residual, ...]":
+        """Return what the fit leaves of the logs it was fitted to, joint by joint."""
+
+    @cached_property
+    def robot(self) -> RobotModel:
+        """Return the robot, loaded by the name that the fit states where none was given.
+
+        Raises:
+            UsageError: the name leads to no robot file.
+        """
+        return self.model if self.model is not None else _load_named(self.product.robot, self.progress)
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """Return what a reader should know of the fit, its robot and its logs."""
+        return self.product.notices if self.said is None else self.said
+
+    @property
+    def settings(self) -> Mapping[str, object]:
+        """Return processing, log map and options, after overrides."""
+        return self.product.settings
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Return the logs of the fit."""
+        return self.product.sources
+
+    @property
+    def refused(self) -> Mapping[str, str]:
+        """Return the parameters or joints that the logs cannot tell, with the reason."""
+        return dict(self.product.refused)
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """Return the values of the parameters by name, SI units."""
+        return {entry.name: entry.value for entry in self.parameters}
+
+    def __len__(self) -> int:
+        """Return how many parameters were found."""
+        return len(self.parameters)
+
+    def __iter__(self) -> Iterator[str]:
+        """Yield the names of the parameters."""
+        return (entry.name for entry in self.parameters)
+
+    def __getitem__(self, name: str) -> "ParameterEstimate":
+        """Return the parameter called `name`, with `.value`, `.std` and `.unit`.
+
+        Raises:
+            UsageError: it was refused, or there is none; the message says why, or has the nearest name.
+        """
+        entries = {entry.name: entry for entry in self.parameters}
+        if name in entries:
+            return entries[name]
+        if name in self.refused:
+            text = f"{name!r} has no value: {self.refused[name]}"
+        else:
+            from symid.formats.section import find_nearest
+
+            hint = find_nearest(name, entries) or f"there are {', '.join(entries)}"
+            text = f"{name!r} is no parameter of this fit: {hint}"
+        raise UsageError(Notice(code="usage.unknown-parameter", text=text))
+
+    @abstractmethod
+    def save(self, path: str | PathLike[str]) -> Path:
+        """Write the fit to `path` as JSON and return the path; `symid.load_fit` reads it back.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+
+    def validate(
+        self, log: LogLike, *, gate: float | None = None, settings: Settings | None = None
+    ) -> LogValidation:
+        """Return what the fit explains of a log that it was not fitted to; nothing is fitted.
+
+        Args:
+            log: a file, or a log that was read.
+            gate: percent, the largest acceptable mean of the joints' relative residuals.
+            settings: in place of those of the fit, by dotted key.
+
+        Raises:
+            EstimateError: the fit is of another model than the robot.
+            LogError: the log does not fit the robot.
+            IdentifiabilityError: no joint moves in it.
+        """
+        return LogValidation(product=self._try(list_logs(log)[0], list_pairs(settings)), gate=gate)
+
+    @abstractmethod
+    def _try(self, log: "Path | Recording", pairs: tuple[tuple[str, str], ...]) -> "Trial": ...
+
+    def compare(
+        self,
+        *others: "Fit | str | PathLike[str]",
+        name: str | None = None,
+        value: str | None = None,
+        deviation: str | None = None,
+        deviation_unit: "DeviationUnit | None" = None,
+        read_as: Mapping[str, str] | None = None,
+        gate: float | None = None,
+    ) -> "Comparison":
+        """Return the values of the fit beside those of others, in standard deviations of both sides.
+
+        Args:
+            others: fits of the same robot or their files, or tables (CSV) of values that somebody else found
+                in groups of their own: ours are brought to them exactly.
+            name: of a table: the column of names or groups.
+            value: of a table: the column of values.
+            deviation: of a table: the column of standard deviations.
+            deviation_unit: of a table: "absolute" or "percent"; by the name of their column by default.
+            read_as: of a table: groups to read as other sums, such as {"fv5": "fv5 + fvm6"}.
+            gate: largest acceptable difference in standard deviations.
+
+        Raises:
+            UsageError: a column is not there, or a reading is no sum of ours.
+            EstimateError: another is of another robot, cannot be read, or has nothing in common.
+        """
+        from symid.api.comparison import compare_fit
+
+        return compare_fit(
+            self.robot.description,
+            self,
+            others,
+            name=name,
+            value=value,
+            deviation=deviation,
+            deviation_unit=deviation_unit,
+            read_as=read_as,
+            gate=gate,
+            progress=self.robot.progress,
+        )
+
+    def export(self, path: str | PathLike[str], *, precision: "Precision" = "double") -> "ExportedFile":
+        """Write the robot with the values of the fit, in the format that the name of the file ends in.
+
+        Of all bodies that have the identified combinations of masses and inertias the nearest to those of the
+        robot file are taken, and only bodies that can exist.
+
+        Args:
+            path: .toml (robot file), .urdf, .xml or .mjcf (MuJoCo), .h (C) or .json; written over.
+            precision: of the numbers in a C header: that of the generated library.
+
+        Raises:
+            UsageError: the format is unknown, or cannot hold this fit.
+            EstimateError: no such file can have these values.
+            OutputError: the file cannot be written.
+        """
+        from symid.api.export import export_fit
+
+        robot = self.robot
+        return export_fit(robot.description, self, path, precision=precision, progress=robot.progress)
+
+    def report(
+        self,
+        path: str | PathLike[str],
+        *,
+        validation: Logs = (),
+        settings: Settings | None = None,
+        diagnose: bool = False,
+    ) -> FitPage:
+        """Write one HTML page that needs nothing else: verdict, parameters, torques, figures.
+
+        Args:
+            path: of the page.
+            validation: held-out logs to predict.
+            settings: for these logs, in place of those of the fit.
+            diagnose: whether the logs of the fit are read again, for what they tell beyond parameters.
+
+        Raises:
+            UsageError: validation or diagnosis is asked for where the kind of fit has none.
+            LogError: a log does not fit the robot.
+            OutputError: the page cannot be written.
+        """
+        from symid.report.fit_page import PageRequest
+
+        logs = list_logs(validation)
+        request = PageRequest(logs=logs, pairs=list_pairs(settings), diagnose=diagnose, file=_name(self.file))
+        known = (self.robot.description, self.robot.workshop) if logs or diagnose else None
+        return FitPage(page=self._write_page(Path(fspath(path)), request, known))
+
+    @abstractmethod
+    def _write_page(self, path: Path, request: "PageRequest", known: "Known | None") -> "Page": ...
+
+    def summarise(self) -> str:
+        """Return robot, kind of fit, and how much it leaves."""
+        left = sum(entry.relative_percent for entry in self.residual) / max(1, len(self.residual))
+        return f"{self.product.robot}: {len(self)} parameters, mean relative residual {left:.4g} %"
+
+
+@final
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class RigidFit(Fit):
+    """Base parameters and friction of a robot whose joints are rigid, or taken as rigid."""
+
+    estimate: "Estimate"
+
+    @property
+    def product(self) -> "Estimate":
+        """Return the estimate with all that was used to get it."""
+        return self.estimate
+
+    @property
+    def parameters(self) -> "tuple[ParameterEstimate, ...]":
+        """Return the base and friction parameters that the logs tell."""
+        return self.estimate.parameters
+
+    @property
+    def residual(self) -> "tuple[Residual, ...]":
+        """Return what the fit leaves of the logs it was fitted to, joint by joint."""
+        return self.estimate.residual
+
+    @property
+    def covariance(self) -> "FloatArray":
+        """Return the covariance of the parameters, in their order: (p, p)."""
+        return _build_covariance(self.estimate.covariance)
+
+    def save(self, path: str | PathLike[str]) -> Path:
+        """Write the fit to `path` as JSON and return the path."""
+        from symid.identification.storage import write_estimate
+
+        return write_estimate(self.estimate, Path(fspath(path)))
+
+    def diagnose(self) -> "Diagnosis":
+        """Return what the logs of the fit tell beyond parameters: correlations, bootstrap, drift, structure.
+
+        Raises:
+            LogError: a log is not there any more.
+            UsageError: the rows of the fit mix the joints.
+        """
+        from symid.tasks.diagnose import diagnose_fit
+
+        return diagnose_fit(self.robot.description, self.estimate, self.robot.workshop)
+
+    def validate(
+        self,
+        log: LogLike,
+        *,
+        gate: float | None = None,
+        settings: Settings | None = None,
+        band: float | None = None,
+    ) -> LogValidation:
+        """Return what the fit explains of a log that it was not fitted to; nothing is fitted.
+
+        Args:
+            log: a file, or a log that was read.
+            gate: percent, the largest acceptable mean of the joints' relative residuals.
+            settings: in place of those of the fit, by dotted key.
+            band: Hz; compare torques at the full sample rate, both low-passed alike at this frequency.
+
+        Raises:
+            EstimateError: the fit is of another model than the robot.
+            LogError: the log does not fit the robot.
+            IdentifiabilityError: no joint moves in it.
+        """
+        return LogValidation(product=self._try(list_logs(log)[0], list_pairs(settings), band=band), gate=gate)
+
+    def _try(
+        self, log: "Path | Recording", pairs: tuple[tuple[str, str], ...], *, band: float | None = None
+    ) -> "Trial":
+        from symid.tasks.validate import validate_rigid
+
+        return validate_rigid(
+            self.robot.description,
+            self.estimate,
+            log,
+            self.robot.workshop,
+            pairs=pairs,
+            band=band,
+            file=_name(self.file),
+        )
+
+    def _write_page(self, path: Path, request: "PageRequest", known: "Known | None") -> "Page":
+        from symid.report.fit_page import write_rigid_page
+
+        return write_rigid_page(path, self.estimate, request, known)
+
+    def blocks(self) -> "tuple[Block, ...]":
+        """Return a headline, and the tables of parameters and residuals."""
+        from symid.report.estimate_text import show_estimate
+
+        return show_estimate(self.estimate)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the fit in plain types."""
+        from symid.report.estimate_text import describe_estimate
+
+        return {**describe_estimate(self.estimate), **self.extra}
+
+
+@final
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class ElasticFit(Fit):
+    """Dynamics, friction and springs with hysteresis of a robot whose joints are elastic.
+
+    Attributes:
+        alignment: delay and offsets of the link encoders, None where they were not looked for.
+    """
+
+    estimate: "ElasticEstimate"
+    alignment: "Alignment | None" = None
+
+    @property
+    def product(self) -> "ElasticEstimate":
+        """Return the estimate with all that was used to get it."""
+        return self.estimate
+
+    @property
+    def parameters(self) -> "tuple[ParameterEstimate, ...]":
+        """Return base parameters, rotor inertias and friction."""
+        return self.estimate.parameters
+
+    @property
+    def springs(self) -> "tuple[SpringEstimate, ...]":
+        """Return the spring of every joint; empty where the method gives none."""
+        return self.estimate.springs
+
+    @property
+    def residual(self) -> "tuple[Residual, ...]":
+        """Return what dynamics and springs leave of the logs of the fit, joint by joint."""
+        return self.estimate.residual
+
+    @property
+    def covariance(self) -> "FloatArray":
+        """Return the covariance of the parameters: (p, p); (0, 0) where the method has none."""
+        return _build_covariance(self.estimate.covariance)
+
+    def save(self, path: str | PathLike[str]) -> Path:
+        """Write the fit to `path` as JSON and return the path."""
+        from symid.elastic.storage import write_elastic_estimate
+
+        return write_elastic_estimate(self.estimate, Path(fspath(path)))
+
+    def track(
+        self,
+        log: LogLike,
+        *,
+        against: "Sequence[ElasticFit]" = (),
+        seed: int | None = None,
+        gate: float | None = None,
+        settings: Settings | None = None,
+    ) -> LogValidation:
+        """Validate, and simulate how links follow another motion with feed-forward of the fit.
+
+        Args:
+            log: a file, or a log that was read.
+            against: further fits to compare with.
+            seed: of a random motion; None for the one that validation is made for.
+            gate: percent, as for `validate`.
+            settings: in place of those of the fit.
+
+        Raises:
+            RobotError: the robot file does not state the true values.
+            UsageError: a fit lacks springs, which a feed-forward needs.
+        """
+        from symid.tasks.validate import build_tracking_task
+
+        others = tuple((_name(entry.file), entry.estimate) for entry in against)
+        task = build_tracking_task(self.robot.description, seed, others)
+        found = self._try(list_logs(log)[0], list_pairs(settings), tracking=task)
+        return LogValidation(product=found, gate=gate)
+
+    def _try(
+        self,
+        log: "Path | Recording",
+        pairs: tuple[tuple[str, str], ...],
+        *,
+        tracking: "TrackingTask | None" = None,
+    ) -> "Trial":
+        from symid.tasks.validate import validate_elastic
+
+        return validate_elastic(
+            self.robot.description,
+            self.estimate,
+            log,
+            self.robot.workshop,
+            pairs=pairs,
+            tracking=tracking,
+            file=_name(self.file),
+        )
+
+    def _write_page(self, path: Path, request: "PageRequest", known: "Known | None") -> "Page":
+        from symid.report.fit_page import write_elastic_page
+
+        return write_elastic_page(path, self.estimate, request, known)
+
+    def blocks(self) -> "tuple[Block, ...]":
+        """Return a headline, why the method was taken, parameters, springs and residuals."""
+        from symid.report.elastic_text import show_elastic
+
+        return show_elastic(self.estimate)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the fit in plain types."""
+        from symid.report.elastic_text import describe_alignment, describe_elastic
+
+        joints = [entry.joint for entry in self.estimate.residual]
+        aligned = None if self.alignment is None else describe_alignment(self.alignment, joints)
+        return {**describe_elastic(self.estimate), "alignment": aligned, **self.extra}
+
+
+@final
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class FrictionFit(Fit):
+    """A law of friction, and its parameters, for every joint that moves."""
+
+    estimate: "FrictionIdentification"
+
+    @property
+    def product(self) -> "FrictionIdentification":
+        """Return the laws with all that was used to get them."""
+        return self.estimate
+
+    @property
+    def joints(self) -> "Mapping[str, JointFriction]":
+        """Return what was found of every joint, by its name."""
+        return {entry.joint: entry for entry in self.estimate.joints}
+
+    @property
+    def parameters(self) -> "tuple[ParameterEstimate, ...]":
+        """Return the parameters of all laws, called joint.parameter, such as "elbow.fC"."""
+        return tuple(
+            replace(entry, name=f"{joint.joint}.{entry.name}")
+            for joint in self.estimate.joints
+            for entry in joint.estimate.parameters
+        )
+
+    @property
+    def refused(self) -> Mapping[str, str]:
+        """Return the joints and parameters that the logs cannot tell, with the reason."""
+        found = {
+            f"{joint.joint}.{name}": reason
+            for joint in self.estimate.joints
+            for name, reason in joint.estimate.refused
+        }
+        return {**dict(self.estimate.refused), **found}
+
+    @property
+    def residual(self) -> "tuple[Residual, ...]":
+        """Return what each law leaves of the logs it was fitted to."""
+        return tuple(entry.residual for entry in self.estimate.joints)
+
+    def save(self, path: str | PathLike[str]) -> Path:
+        """Write the laws to `path` as JSON and return the path."""
+        from symid.friction.results import write_friction_result
+
+        return write_friction_result(self.estimate, Path(fspath(path)))
+
+    def _try(self, log: "Path | Recording", pairs: tuple[tuple[str, str], ...]) -> "Trial":
+        from symid.tasks.validate import validate_friction_result
+
+        return validate_friction_result(
+            self.robot.description,
+            self.estimate,
+            log,
+            self.robot.workshop,
+            pairs=pairs,
+            file=_name(self.file),
+        )
+
+    def _write_page(self, path: Path, request: "PageRequest", known: "Known | None") -> "Page":  # noqa: ARG002  laws were tried when chosen
+        from symid.report.fit_page import write_friction_page
+
+        return write_friction_page(path, self.estimate, request)
+
+    def summarise(self) -> str:
+        """Return robot, joints and laws."""
+        laws = ", ".join(f"{name}: {entry.estimate.law}" for name, entry in self.joints.items())
+        return f"{self.estimate.robot}: {laws}"
+
+    def blocks(self) -> "tuple[Block, ...]":
+        """Return choice, law, parameters and residual of every joint."""
+        from symid.report.friction_text import show_friction
+
+        return show_friction(self.estimate)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the laws in plain types."""
+        from symid.report.friction_text import describe_friction
+
+        return {**describe_friction(self.estimate), **self.extra}
+
+
+def load_fit(
+    path: str | PathLike[str], robot: RobotModel | None = None, *, progress: Progress = ignore
+) -> Fit:
+    """Return the fit stored in a file, of any kind.
+
+    Args:
+        path: a file that `Fit.save` or `symid identify -o` wrote.
+        robot: its robot; the one of the name that the file states by default, loaded when it is needed.
+        progress: told what begins, where the robot is loaded by its name.
+
+    Raises:
+        EstimateError: there is no such file, or it holds something else.
+    """
+    file = Path(fspath(path))
+    from symid.elastic.storage import is_elastic_estimate, read_elastic_estimate
+    from symid.friction.results import is_friction_result, read_friction_result
+    from symid.identification.storage import read_estimate
+
+    if is_friction_result(file):
+        return FrictionFit(estimate=read_friction_result(file), file=file, model=robot, progress=progress)
+    if is_elastic_estimate(file):
+        return ElasticFit(estimate=read_elastic_estimate(file), file=file, model=robot, progress=progress)
+    return RigidFit(estimate=read_estimate(file), file=file, model=robot, progress=progress)
+
+
+def find_estimate(fit: "Fit | str | PathLike[str] | None") -> "Estimate | Path | None":
+    """Return an estimate of base parameters, or its file, as the rooms below take it.
+
+    Raises:
+        EstimateError: the fit is of another kind.
+    """
+    match fit:
+        case None:
+            return None
+        case RigidFit():
+            return fit.estimate
+        case Fit():
+            text = "this is no fit of base parameters of a rigid robot; give one that robot.identify returned"
+            raise EstimateError(Notice(code="estimate.kind", text=text, file=_name(fit.file)))
+    return Path(fspath(fit))
+
+
+def _load_named(name: str, progress: Progress) -> RobotModel:
+    try:
+        return load(name, progress=progress)
+    except UsageError as error:
+        first = error.notices[0]
+        if first.code != "usage.unknown-robot":
+            raise
+        text = (
+            f"the estimate was made with robot '{name}', which is not among the known robots; "
+            "name its file with --robot FILE.toml"
+        )
+        raise UsageError(replace(first, text=text)) from error
+
+
+def _build_covariance(rows: Sequence[Sequence[float]]) -> "FloatArray":
+    import numpy as np
+
+    from symid.arrays import freeze
+
+    return freeze(np.array(rows, dtype=float).reshape(len(rows), len(rows)))
+
+
+def _name(file: Path | None) -> str:
+    return "" if file is None else str(file)

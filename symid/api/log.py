@@ -1,0 +1,222 @@
+"""A log of the API: what was measured, in SI units, on the joint side, nothing left out.
+
+Input: a file and the robot whose map says which column is what, or arrays. Output: `Log`.
+
+Supported: csv, npz, mat, hdf5, and files (.toml) that list several runs.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from os import PathLike, fspath
+from pathlib import Path
+from typing import TYPE_CHECKING, final
+
+from symid.api.result import Result
+from symid.errors import LogError, Notice
+
+if TYPE_CHECKING:  # these load NumPy
+    from numpy.typing import ArrayLike
+
+    from symid.api.robot import RobotModel
+    from symid.arrays import FloatArray
+    from symid.data.recording import Recording
+    from symid.report.blocks import Block
+    from symid.robot.description import Robot
+
+__all__ = ["Log", "LogLike", "Logs", "build_log", "list_logs", "read_log", "read_logs"]
+
+
+@final
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Log(Result):
+    """A log as it was read.
+
+    Attributes:
+        recording: time, positions, torques and what else was measured, SI units.
+        robot: whose `[log]` map said which column is what.
+    """
+
+    recording: "Recording"
+    robot: "Robot"
+
+    @property
+    def source(self) -> str:
+        """Return the file that it was read from, or what made it."""
+        return self.recording.source
+
+    @property
+    def time(self) -> "FloatArray":
+        """Return the time stamps in s: (N,)."""
+        return self.recording.time
+
+    @property
+    def q(self) -> "FloatArray":
+        """Return the joint positions in rad or m: (N, n)."""
+        return self.recording.position
+
+    @property
+    def dq(self) -> "FloatArray | None":
+        """Return the joint velocities in rad/s or m/s where the log has them: (N, n)."""
+        return self.recording.velocity
+
+    @property
+    def tau(self) -> "FloatArray":
+        """Return the joint torques in N m, or forces in N: (N, n)."""
+        return self.recording.torque
+
+    @property
+    def period(self) -> float:
+        """Return the mean sample period in s."""
+        return self.recording.period
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """Return what a reader should know: conversions, columns not used, odd samples."""
+        from symid.data.checks import check_recording
+
+        return (*self.recording.notices, *check_recording(self.recording, self.robot))
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.recording.time)
+
+    def summarise(self) -> str:
+        """Return source, samples and period."""
+        return f"{self.source}: {len(self)} samples at {1.0 / self.period:.6g} Hz, {self.q.shape[1]} joints"
+
+    def blocks(self) -> "tuple[Block, ...]":
+        """Return the table of joints: range, speed, torque."""
+        from symid.data.summary import summarise_joints
+        from symid.report.log_check_text import show_joints
+
+        summary = summarise_joints(self.recording, self.robot)
+        return (self.summarise(), show_joints({"file": self.source}, summary))
+
+    def to_dict(self) -> dict[str, object]:
+        """Return samples, timing and the range of every joint in plain types."""
+        from symid.data.summary import summarise_joints
+        from symid.data.timing import find_timing
+        from symid.report.log_check_text import describe_log
+
+        summary = summarise_joints(self.recording, self.robot)
+        return describe_log(self.recording, find_timing(self.time), summary)
+
+
+LogLike = str | PathLike[str] | Log
+"""A file, or a log that was read."""
+Logs = LogLike | Sequence[LogLike]
+"""One log or several."""
+
+
+def list_logs(logs: Logs) -> "tuple[Path | Recording, ...]":
+    """Return logs as the rooms below take them."""
+    if isinstance(logs, str | PathLike | Log):
+        logs = (logs,)
+    return tuple(entry.recording if isinstance(entry, Log) else Path(fspath(entry)) for entry in logs)
+
+
+def read_logs(path: str | PathLike[str], robot: "RobotModel", *, uneven: bool = False) -> tuple[Log, ...]:
+    """Return the logs behind a file: one, or those of all runs that a `.toml` lists.
+
+    Args:
+        path: a log, or a file with `[[run]]` tables.
+        robot: its `[log]` map says which column is what.
+        uneven: whether uneven time stamps are left as they are; else they are refused or resampled.
+
+    Raises:
+        LogError: with what is wrong with any of them.
+    """
+    from symid.data.logs import read_logs as read
+
+    recordings = read((Path(fspath(path)),), robot.description, uneven=uneven)
+    return tuple(Log(recording=recording, robot=robot.description) for recording in recordings)
+
+
+def read_log(path: str | PathLike[str], robot: "RobotModel", *, uneven: bool = False) -> Log:
+    """Return the log in a file, converted to SI units on the joint side.
+
+    Args:
+        path: csv, npz, mat or hdf5.
+        robot: its `[log]` map says which column is what, in which unit, and on which side of the gear.
+        uneven: whether uneven time stamps are left as they are; else they are refused or resampled.
+
+    Raises:
+        LogError: with all that is wrong with it; a file that lists several runs is for `read_logs`.
+
+    Example:
+        >>> import symid
+        >>> robot = symid.load("two_link")
+        >>> log = robot.simulate(seed=1, duration=2.0).log
+        >>> log.q.shape[1]
+        2
+    """
+    found = read_logs(path, robot, uneven=uneven)
+    if len(found) > 1:
+        text = f"lists {len(found)} runs; symid.read_logs returns them all"
+        raise LogError(Notice(code="log.runs", text=text, file=fspath(path)))
+    return found[0]
+
+
+def build_log(
+    robot: "RobotModel",
+    *,
+    time: "ArrayLike",
+    q: "ArrayLike",
+    tau: "ArrayLike",
+    dq: "ArrayLike | None" = None,
+    theta: "ArrayLike | None" = None,
+    source: str = "arrays",
+) -> Log:
+    """Return a log made of arrays, in SI units and on the joint side already.
+
+    Args:
+        robot: its number of joints.
+        time: (N,) s, strictly increasing.
+        q: (N, n) rad or m, of the links where `theta` is given.
+        tau: (N, n) N m or N.
+        dq: (N, n) rad/s or m/s, where measured.
+        theta: (N, n) rad or m, motor positions on the joint side, of elastic robots.
+        source: what made it, for messages.
+
+    Raises:
+        LogError: shapes do not fit, a value is not finite, or time does not increase.
+
+    Example:
+        >>> import numpy as np, symid
+        >>> robot = symid.load("two_link")
+        >>> time = np.linspace(0.0, 1.0, 101)
+        >>> log = symid.build_log(robot, time=time, q=np.zeros((101, 2)), tau=np.zeros((101, 2)))
+        >>> len(log)
+        101
+    """
+    import numpy as np
+
+    from symid.data.recording import Recording
+
+    arrays = {"q": q, "tau": tau, "dq": dq, "theta": theta}
+    given = {name: np.asarray(value, dtype=float) for name, value in arrays.items() if value is not None}
+    stamps = np.asarray(time, dtype=float)
+    size = len(robot.joints)
+    wrong = [
+        f"{name} has the shape {value.shape}, expected {(*stamps.shape[:1], size)}"
+        for name, value in given.items()
+        if value.shape != (*stamps.shape[:1], size)
+    ]
+    wrong += [
+        f"{name} holds values that are not finite"
+        for name, value in given.items()
+        if not np.isfinite(value).all()
+    ]
+    if stamps.ndim != 1 or len(stamps) < 2 or not np.all(np.diff(stamps) > 0.0):
+        wrong.append("time must be a list of two or more stamps in s that increase")
+    if wrong:
+        raise LogError(*(Notice(code="log.arrays", text=text, file=source) for text in wrong))
+    recording = Recording(
+        time=stamps,
+        position=given["q"],
+        torque=given["tau"],
+        velocity=given.get("dq"),
+        motor_position=given.get("theta"),
+        source=source,
+    )
+    return Log(recording=recording, robot=robot.description)

@@ -1,0 +1,65 @@
+"""The page of a fit: one self-contained HTML file.
+
+Input: what was written. Output: `FitPage`.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, final
+
+from symid.api.result import Result
+from symid.errors import Notice
+
+if TYPE_CHECKING:  # these load NumPy
+    from symid.identification.diagnosis import Diagnosis
+    from symid.report.blocks import Block
+    from symid.report.fit_page import Page
+
+__all__ = ["FitPage"]
+
+
+@final
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class FitPage(Result):
+    """A page that was written, and what was found on the way."""
+
+    page: "Page"
+
+    @property
+    def file(self) -> Path:
+        """Return where the page is."""
+        return self.page.file
+
+    @property
+    def diagnosis(self) -> "Diagnosis | None":
+        """Return what the logs of the fit tell, None where that was not asked for."""
+        return self.page.diagnosis
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """Return what a reader should know."""
+        return self.page.notices
+
+    def summarise(self) -> str:
+        """Return where the page is."""
+        return str(self.file)
+
+    def blocks(self) -> "tuple[Block, ...]":
+        """Return where the page is, how logs were processed, and the diagnosis."""
+        from symid.paths import show_path
+        from symid.report.diagnosis_text import show_diagnosis
+
+        head = "\n".join((f"report: {show_path(self.file)}", *self.page.lines))
+        return (head, *(() if self.diagnosis is None else show_diagnosis(self.diagnosis)))
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what was written and tried in plain types."""
+        from symid.report.diagnosis_text import describe_diagnosis
+
+        page = self.page
+        found: dict[str, object] = {"robot": page.robot, "file": page.file, "validations": page.sources}
+        if page.processing is not None:
+            found["processing"] = page.processing
+        if page.diagnosis is not None:
+            found["diagnosis"] = describe_diagnosis(page.diagnosis)
+        return found

@@ -1,0 +1,80 @@
+"""What all results of the API have in common: they print themselves, and say what speaks against them.
+
+str(result)             as the command line prints it
+result.to_dict()        as the command line gives it with --json
+result.notices          what a reader should know; result.errors why it is not acceptable
+in a notebook           tables, texts and figures
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from symid.errors import Notice
+
+if TYPE_CHECKING:  # a program that prints nothing does without
+    from symid.report.blocks import Block
+
+__all__ = ["Progress", "Result", "ignore"]
+
+Progress = Callable[[str], None]
+"""Is told in a few words what begins now."""
+
+
+def ignore(text: str) -> None:
+    """Say nothing of what begins."""
+
+
+class Result(ABC):
+    """A result of the API, immutable."""
+
+    @property
+    @abstractmethod
+    def notices(self) -> tuple[Notice, ...]:
+        """Return what a reader should know of it."""
+
+    @property
+    def errors(self) -> tuple[Notice, ...]:
+        """Return why it is not acceptable, such as a gate that was missed; nothing where it is."""
+        return ()
+
+    @property
+    def accepted(self) -> bool:
+        """Return whether nothing makes it unacceptable."""
+        return not self.errors
+
+    @abstractmethod
+    def summarise(self) -> str:
+        """Return the result in a few words, in one line."""
+
+    @abstractmethod
+    def blocks(self) -> "tuple[Block, ...]":
+        """Return the paragraphs and tables that it is printed as."""
+
+    @abstractmethod
+    def to_dict(self) -> dict[str, object]:
+        """Return the result in plain types, as `--json` gives it."""
+
+    def figures(self) -> "tuple[Block, ...]":
+        """Return the figures that a notebook shows behind the tables."""
+        return ()
+
+    def __repr__(self) -> str:
+        """Return the result in one line."""
+        return f"<{type(self).__name__} {self.summarise()}>"
+
+    def __str__(self) -> str:
+        """Return the result as the command line prints it."""
+        from symid.report.blocks import write_text
+
+        return write_text(self.blocks())
+
+    def _repr_html_(self) -> str:
+        """Return the result for a notebook."""
+        from symid.report.blocks import write_html
+
+        said = tuple(f"{kind}: {entry}" for kind, entries in self._list_notices() for entry in entries)
+        return write_html((*self.blocks(), *said, *self.figures()), failed=not self.accepted)
+
+    def _list_notices(self) -> tuple[tuple[str, tuple[Notice, ...]], ...]:
+        return (("error", self.errors), ("warning", self.notices))

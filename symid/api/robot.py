@@ -1,0 +1,963 @@
+"""The robot of the API: a description with everything that can be done with it.
+
+Input: the name or path of a robot file. Output: `RobotModel`, whose methods are named as the verbs are.
+
+    robot = symid.load("panda")
+    robot.base                      its base parameters, exactly
+    robot.sympy("mass_matrix")      exact expressions; robot.casadi(...) the same as a CasADi function
+    robot.identify(["train.csv"])   parameters from logs
+
+Supported: robot files, URDF, tables of Denavit-Hartenberg rows. Nothing heavy is loaded before it is used.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from os import PathLike, fspath
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, final
+
+from symid.api.base import BaseForm, BaseSet, find_base_set
+from symid.api.result import Progress, ignore
+from symid.errors import Notice
+
+if TYPE_CHECKING:  # these load NumPy, SymPy or CasADi
+    import casadi as ca
+
+    from symid.api.check import RobotCheck
+    from symid.api.code import CompiledModel, Parameters, Target, WrittenCode
+    from symid.api.derivation import Derivation
+    from symid.api.excitation import ExcitationCriterion, ExcitedTrajectory
+    from symid.api.export import ExportedFile, Precision
+    from symid.api.fit import ElasticFit, Fit, FrictionFit, RigidFit
+    from symid.api.identify import Stiffness
+    from symid.api.log import LogLike, Logs
+    from symid.api.payload import PayloadEstimator, PayloadResult, PayloadRows, PayloadSide
+    from symid.api.simulation import Simulation
+    from symid.api.studies import Study
+    from symid.codegen.library import Library
+    from symid.codegen.symbolic import SymbolicFunction
+    from symid.elastic.options import ElasticOptions
+    from symid.estimators.estimate import Estimate
+    from symid.excitation.motion import SampledMotion
+    from symid.excitation.trajectories import Trajectory
+    from symid.friction.options import FrictionOptions
+    from symid.robot.description import Joint, Robot
+    from symid.study.cutoff import CutoffStudy
+    from symid.study.elastic_study import ElasticStudy
+    from symid.study.many_joints import ManyJointsResult
+    from symid.study.precision import PrecisionStudy
+    from symid.study.tracking_study import TrackingStudy
+    from symid.tasks.identify import Workshop
+
+__all__ = ["RobotModel", "Settings", "list_pairs", "list_robots", "load"]
+
+Settings = Mapping[str, object]
+"""Settings in place of the robot file's, such as {"processing.filter_cutoff": 50}; see docs/robot_file.md."""
+
+
+def list_pairs(settings: Settings | None, **named: object) -> tuple[tuple[str, str], ...]:
+    """Return pairs of key and text from settings, and from arguments that are settings by another name.
+
+    Args:
+        settings: by dotted key; a list may be given as one.
+        named: values by their key below `processing`, two underscores for a dot; None where not given.
+    """
+    given = [
+        (f"processing.{key.replace('__', '.')}", value) for key, value in named.items() if value is not None
+    ]
+    return tuple((key.strip(), _write_value(value)) for key, value in ((*(settings or {}).items(), *given)))
+
+
+def _write_value(value: object) -> str:
+    """Return a value as a robot file has it."""
+    match value:
+        case None:
+            return "none"
+        case bool():
+            return "true" if value else "false"
+        case list() | tuple():
+            return ", ".join(map(_write_value, value))
+    return str(value).strip()
+
+
+@final
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class RobotModel:
+    """A robot with everything that can be done with it; made by `symid.load`.
+
+    Attributes:
+        description: joints, placements, drives, friction, springs, log map, as read and overridden.
+        backend: what computes its functions: "auto" (compiled C, else NumPy), "c", "python" or "casadi".
+        progress: told in a few words what begins; says nothing by default, `print` is a good choice.
+    """
+
+    description: "Robot"
+    backend: str = "auto"
+    progress: Progress = ignore
+
+    @property
+    def name(self) -> str:
+        """Return the name that the robot file states."""
+        return self.description.name
+
+    @property
+    def path(self) -> Path:
+        """Return the file that the robot was read from."""
+        return Path(self.description.path)
+
+    @property
+    def joints(self) -> "tuple[Joint, ...]":
+        """Return the joints that have a coordinate of their own, in the order of q."""
+        return self.description.axes
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """Return what a reader should know of the robot file, such as what of a URDF is not used."""
+        return self.description.notices
+
+    @property
+    def elastic(self) -> bool:
+        """Return whether any joint is elastic."""
+        return any(self.description.elastic)
+
+    def __repr__(self) -> str:
+        """Return the robot in one line."""
+        joints = f"{len(self.joints)} joint{'s'[: len(self.joints) != 1]}"
+        return f"<RobotModel {self.name}: {joints}{', elastic' if self.elastic else ''}, {self.path}>"
+
+    def override(
+        self,
+        *,
+        settings: Settings | None = None,
+        friction: str | None = None,
+        backend: str | None = None,
+        progress: Progress | None = None,
+    ) -> "RobotModel":
+        """Return the robot with other settings.
+
+        Args:
+            settings: keys under `log`, `processing` and `controller` of the robot file, with values.
+            friction: the friction model of all joints.
+            backend: what computes its functions.
+            progress: told what begins.
+
+        Raises:
+            UsageError: a setting cannot be made, or its value does not fit.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link").override(settings={"processing.filter_cutoff": 20})
+            >>> robot.description.processing.filter_cutoff
+            20.0
+        """
+        from symid.formats.loading import override_settings
+
+        changed = override_settings(self.description, list_pairs(settings), friction)
+        return replace(
+            self,
+            description=changed,
+            backend=backend or self.backend,
+            progress=progress or self.progress,
+        )
+
+    # What can be known of the robot.
+
+    @cached_property
+    def base(self) -> BaseSet:
+        """Return the base parameters: all that the robot's motions and torques can tell.
+
+        Example:
+            >>> import symid
+            >>> symid.load("panda").base.count
+            43
+        """
+        return find_base_set(self.description)
+
+    def find_base(self, form: BaseForm = "torque") -> BaseSet:
+        """Return what the torques, the energies, the momentum, or torques at rest ("gravity") can tell."""
+        return self.base if form == "torque" else find_base_set(self.description, form)
+
+    # Derivation, exact functions and code.
+
+    def derivation(self, *, latex: bool = False) -> "Derivation":
+        """Return how the dynamics come about, from the frames to the torques, each step checked.
+
+        Args:
+            latex: whether it is printed with formulas in LaTeX.
+
+        Raises:
+            RobotError: a symbolic length has no value.
+
+        Example:
+            >>> import symid
+            >>> lesson = symid.load("emps").derivation()
+            >>> lesson.steps[0].title
+            'Frames'
+        """
+        from symid.api.derivation import derive_dynamics
+
+        return derive_dynamics(self.description, self.progress, latex=latex)
+
+    def sympy(self, name: str, *, standard: bool = False) -> "SymbolicFunction":
+        """Return a function of the catalogue as exact SymPy expressions.
+
+        Args:
+            name: of the function, such as "mass_matrix".
+            standard: whether it takes the standard parameters pi in place of beta.
+
+        Raises:
+            UsageError: the robot has no such function; the message has the nearest names.
+
+        Example:
+            >>> import symid
+            >>> gravity = symid.load("two_link").sympy("gravity")
+            >>> gravity
+            gravity(q, beta) -> g
+            >>> gravity["g"].shape
+            (2, 1)
+        """
+        from symid.api.code import build_sympy
+
+        return build_sympy(self.description, name, self.base.product, standard=standard)
+
+    def casadi(self, name: str, *, standard: bool = False, constant: bool = False) -> "ca.Function":
+        """Return a function of the catalogue as a CasADi function, with derivatives of any order.
+
+        Vectors are columns; matrices of samples side by side and `map` work as CasADi has them. SI units.
+
+        Args:
+            name: of the function, such as "forward_dynamics".
+            standard: whether it takes the standard parameters pi in place of beta.
+            constant: whether it holds the values of the robot file, and takes no parameters.
+
+        Raises:
+            RobotError: a symbolic length has no value.
+            UsageError: the robot has no such function, or its file lacks a value that shall be constant.
+
+        Example:
+            >>> import symid
+            >>> gravity = symid.load("two_link").casadi("gravity", constant=True)
+            >>> gravity.size1_in("q")
+            2
+        """
+        from symid.api.code import build_casadi
+
+        return build_casadi(self.description, name, self.base.product, standard=standard, constant=constant)
+
+    def compile(self) -> "CompiledModel":
+        """Return all functions of the robot compiled and loaded, one attribute each; `backend` says by what.
+
+        Raises:
+            RobotError: a symbolic length has no value.
+            GenerationError: there is no compiler and the backend is "c", or it fails.
+
+        Example:
+            >>> import symid
+            >>> lib = symid.load("two_link").compile()
+            >>> lib.mass_matrix([0.1, 0.2], lib.beta).shape
+            (2, 2)
+        """
+        from symid.api.code import CompiledModel
+
+        return CompiledModel(self.library)
+
+    def write(
+        self,
+        target: "Target",
+        folder: str | PathLike[str],
+        *,
+        functions: Sequence[str] | None = None,
+        precision: Literal["double", "float"] = "double",
+        parameters: "Parameters" = "base",
+        constant: bool = False,
+        trigonometry: Literal["own", "library"] = "own",
+        friction_laws: bool = False,
+        force: bool = False,
+    ) -> "WrittenCode":
+        """Write the robot's functions as code that stands alone, and run its self-test.
+
+        Where neither the robot nor anything else has changed since the last time, nothing is done.
+
+        Args:
+            target: "c", "python" (one module of NumPy), or "casadi" (functions, their C, and a loader).
+            folder: new, or one that symid wrote; files of others in it stay as they are.
+            functions: the names of those wanted; all by default.
+            precision: type of all numbers in C.
+            parameters: what functions take: "base" for beta, "standard" for all standard parameters pi.
+            constant: whether the robot file's values are part of the functions, which then take none.
+            trigonometry: sines in C: "own", of all angles at once, in the code itself, or of the C library.
+            friction_laws: whether the C library holds all static friction laws too.
+            force: whether to write over files that were edited since.
+
+        Raises:
+            RobotError: a symbolic length has no value.
+            UsageError: a value is not offered, the robot has no such function, or its file lacks a value that
+                shall be constant.
+            OutputError: the folder cannot be written, or holds what symid did not write.
+            GenerationError: the code fails its self-test.
+
+        Example:
+            >>> import symid
+            >>> symid.load("two_link").write("python", "code", functions=["gravity"]).selftest
+            'passed'
+        """
+        from symid.api.code import write_code
+
+        return write_code(
+            self.description,
+            target,
+            folder,
+            functions=functions,
+            precision=precision,
+            parameters=parameters,
+            constant=constant,
+            trigonometry=trigonometry,
+            friction_laws=friction_laws,
+            force=force,
+            progress=self.progress,
+        )
+
+    @cached_property
+    def library(self) -> "Library":
+        """Return the functions that identification and simulation run on, from the cache or made now."""
+        return self._prepare(self.description)
+
+    # Logs.
+
+    def check(self, *logs: "LogLike", resample: str | PathLike[str] | None = None) -> "RobotCheck":
+        """Return what the robot file says and what logs can tell of the robot.
+
+        Looked at are time stamps, units, steps and limits; with the dynamics also signs, exchanged joints,
+        delays, and which parameters are identifiable from all logs together.
+
+        Args:
+            logs: files, files that list runs, or logs that were read; none to look at the robot file alone.
+            resample: a file, .npz or .csv, for an evenly sampled copy of the one log.
+
+        Raises:
+            UsageError: a copy of several logs is asked for.
+            LogError: with what is wrong with any of the logs.
+            OutputError: the copy cannot be written.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> robot.check(robot.simulate(duration=4).log).accepted
+            True
+        """
+        from symid.api.check import check_robot
+
+        return check_robot(self, logs, resample=resample)
+
+    # Identification.
+
+    @property
+    def workshop(self) -> "Workshop":
+        """Return what long work in the rooms below needs: compiled functions, and who is told of progress."""
+        from symid.tasks.identify import Workshop
+
+        return Workshop(prepare=self._prepare, progress=self.progress)
+
+    def _prepare(self, description: "Robot") -> "Library":
+        from symid.codegen.cache import prepare_library
+
+        return prepare_library(description, progress=self.progress, backend=self.backend)
+
+    def identify(
+        self,
+        logs: "Logs",
+        *,
+        rows: str | None = None,
+        estimator: str | None = None,
+        method: str | None = None,
+        friction: str | None = None,
+        settings: Settings | None = None,
+        cutoff: float | None = None,
+        decimate: int | None = None,
+        drop_first: int | None = None,
+        drop_last: int | None = None,
+        partial: bool = False,
+        window: float | None = None,
+        overlap: float | None = None,
+        period: float | Sequence[float] = (),
+        prior: "Fit | str | PathLike[str] | None" = None,
+        prior_deviation: float | None = None,
+        prior_weight: float | None = None,
+        start: "Fit | str | PathLike[str] | None" = None,
+        tolerance: float | None = None,
+        thresholds: int | None = None,
+        knees: int | None = None,
+        rate: float | None = None,
+        elastic: "ElasticOptions | None" = None,
+    ) -> "RigidFit | ElasticFit":
+        """Return the base parameters and friction that explain logs best; of elastic joints springs too.
+
+        Which way is taken follows from the robot and its logs: rigid; elastic, where all joints are and the
+        logs have the positions of motors and links; else the motor side alone.
+
+        Args:
+            logs: files, files of runs, or logs that were read.
+            rows: how measurements become equations: "torque" (the default), "momentum", "filtered", "power"
+                or "energy".
+            estimator: how equations become parameters: "ols" (the default), "wls", "gls", "huber", "ridge",
+                "consistent", "sequential", "output-error" or "instrumental".
+            method: of elastic joints: "automatic" (the default), "two-step", "linear-spring", "elimination",
+                "weighted", "nlp" or "independent".
+            friction: the friction model of all joints, in place of the robot file's.
+            settings: any setting in place of the robot file's, by dotted key.
+            cutoff: Hz, of the low-pass filter.
+            decimate: keep one sample in so many.
+            drop_first: number of samples cut off at the start.
+            drop_last: number of samples cut off at the end.
+            partial: whether to fit what can be identified where the logs hold less than three quarters.
+            window: s, length of a momentum, filtered or energy row.
+            overlap: part of a window that the next one shares, of momentum and energy rows.
+            period: s, of a repeated motion, for "gls": one for all logs or one each.
+            prior: of "ridge": a fit to stay near to, its file, or "robot" for the robot file's values.
+            prior_deviation: percent of the robot file's values, or a factor on the prior's deviations.
+            prior_weight: 1 to believe these deviations, 0 for no prior; cross-validated by default.
+            start: of estimators that simulate: a fit, or its file, to begin with.
+            tolerance: of elastic joints: relative change at which an iteration stops.
+            thresholds: of elastic joints: number of stops of each joint's hysteresis.
+            knees: of elastic joints: number of knees on each side of a spring.
+            rate: rad/s, of the first-order filter of filtered rows.
+            elastic: all options of elastic joints at once; arguments given besides win.
+
+        Raises:
+            UsageError: options that do not go together, or not with this robot and these logs.
+            LogError: a log cannot be read or used; all that is wrong is said.
+            IdentifiabilityError: too little can be learnt; the message names every parameter.
+            SolverError: a search ended without a usable result.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> fit = robot.identify(robot.simulate(seed=1).log, estimator="wls")
+            >>> abs(fit["ZZ2"].value - robot.base.values["ZZ2"]) < 4 * fit["ZZ2"].std
+            True
+        """
+        from symid.api.identify import identify_logs
+        from symid.identification.estimator_options import RigidOptions
+        from symid.tasks.identify import IdentifyTask
+
+        pairs = list_pairs(
+            settings,
+            filter_cutoff=cutoff,
+            decimation__factor=decimate,
+            drop_first=drop_first,
+            drop_last=drop_last,
+        )
+        options = RigidOptions(
+            rows=rows,
+            estimator=estimator,
+            overlap=overlap,
+            period=(period,) if isinstance(period, int | float) else tuple(period),
+            prior=_find_prior(prior),
+            prior_deviation=prior_deviation,
+            prior_weight=prior_weight,
+            start=_find_known(start),
+            partial=partial,
+        )
+        given = {
+            "tolerance": tolerance,
+            "thresholds": thresholds,
+            "knees": knees,
+            "window": window,
+            "rate": rate,
+        }
+        task = IdentifyTask(pairs=pairs, rigid=options, method=method, elastic=given, options=elastic)
+        return identify_logs(self, logs, task, friction)
+
+    def identify_friction(
+        self,
+        logs: "Logs",
+        *,
+        model: str | None = None,
+        estimator: str | None = None,
+        known: "Fit | str | PathLike[str] | None" = None,
+        smoothing: float | None = None,
+        period: float | Sequence[float] = (),
+        seed: int | None = None,
+        friction: str | None = None,
+        settings: Settings | None = None,
+        cutoff: float | None = None,
+        decimate: int | None = None,
+        drop_first: int | None = None,
+        drop_last: int | None = None,
+        options: "FrictionOptions | None" = None,
+    ) -> "FrictionFit":
+        """Return a law of friction, and its parameters, for every joint that moves.
+
+        Args:
+            logs: files, files of runs, or logs that were read.
+            model: a law, such as "stribeck+offset", or "auto" (the default): chosen by torques held back.
+            estimator: "varpro" (the default), "root-finding", "nlp", "genetic", "annealing" or
+                "differential-evolution".
+            known: base parameters to subtract, a fit or its file; else the rigid part is fitted along.
+            smoothing: rad/s or m/s over which dry friction changes its sign.
+            period: s, of a cosine motion, to average over all periods: one for all logs or one each.
+            seed: of a stochastic estimator.
+            friction: the friction model of all joints in the rigid part, in place of the robot file's.
+            settings: any setting in place of the robot file's, by dotted key.
+            cutoff: Hz, of the low-pass filter.
+            decimate: keep one sample in so many.
+            drop_first: number of samples cut off at the start.
+            drop_last: number of samples cut off at the end.
+            options: of the estimators, all at once; `seed` wins.
+
+        Raises:
+            UsageError: no such law or estimator.
+            LogError: a log cannot be read or used.
+            IdentifiabilityError: nothing can be learnt of any joint.
+            SolverError: a search ended without usable numbers.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> fit = robot.identify_friction(robot.simulate(seed=1).log, model="coulomb+viscous")
+            >>> sorted(fit.joints)
+            ['elbow', 'shoulder']
+        """
+        from symid.api.identify import identify_friction_of_logs
+        from symid.friction.options import FrictionOptions
+        from symid.tasks.friction import FrictionRequest
+
+        pairs = list_pairs(
+            settings,
+            filter_cutoff=cutoff,
+            decimation__factor=decimate,
+            drop_first=drop_first,
+            drop_last=drop_last,
+        )
+        request = FrictionRequest(
+            model=model,
+            estimator=estimator,
+            known=_find_known(known),
+            smoothing=smoothing,
+            period=(period,) if isinstance(period, int | float) else tuple(period),
+            seed=seed,
+            friction=friction,
+            options=options or FrictionOptions(),
+        )
+        return identify_friction_of_logs(self, logs, request, pairs)
+
+    def identify_stiffness(
+        self,
+        logs: "Logs",
+        *,
+        friction: str | None = None,
+        settings: Settings | None = None,
+        drop_first: int | None = None,
+        drop_last: int | None = None,
+    ) -> "Stiffness":
+        """Return delay and offsets between the encoders, and the stiffness of every joint, with intervals.
+
+        Args:
+            logs: with the positions of motors and links; of any robot.
+            friction: the friction model of all joints, in place of the robot file's.
+            settings: any setting in place of the robot file's, by dotted key.
+            drop_first: number of samples cut off at the start.
+            drop_last: number of samples cut off at the end.
+
+        Raises:
+            UsageError: a setting has no meaning for a stiffness.
+            LogError: a log lacks an encoder, or is too short.
+        """
+        from symid.api.identify import identify_stiffness_of_logs
+
+        pairs = list_pairs(settings, drop_first=drop_first, drop_last=drop_last)
+        return identify_stiffness_of_logs(self, logs, pairs, friction)
+
+    # Trajectories and experiments.
+
+    def excite(
+        self,
+        *,
+        harmonics: int = 5,
+        period: float = 10.0,
+        criterion: "ExcitationCriterion" = "condition",
+        weight: float = 0.1,
+        moving: bool = False,
+        start: Sequence[float] | None = None,
+        share: float = 0.95,
+        sweep: float = 1.0,
+        velocity: float = 2.0,
+        acceleration: float = 10.0,
+        jerk: float | None = None,
+        workspace: str | PathLike[str] | None = None,
+        torsion: float | None = None,
+        stiffness: Sequence[float] | None = None,
+        deviations: Sequence[float] | None = None,
+        candidates: int = 1000,
+        starts: int = 10,
+        seed: int = 1,
+    ) -> "ExcitedTrajectory":
+        """Return the trajectory on which the parameters can be identified best, within all limits.
+
+        Args:
+            harmonics: number of harmonics of each joint.
+            period: length of the trajectory, s.
+            criterion: least condition number of the scaled regressor, or most information.
+            weight: of the information beside the condition number.
+            moving: whether it need not start and end at rest.
+            start: (n,) pose in which it starts and ends, rad or m.
+            share: part of every limit that may be used.
+            sweep: position limit either side of zero where the robot file states none, rad or m.
+            velocity: limit where the robot file states none, rad/s or m/s.
+            acceleration: limit where the robot file states none, rad/s^2 or m/s^2.
+            jerk: limit where the robot file states none, rad/s^3 or m/s^3; None for none.
+            workspace: file of spheres and planes that links keep to, .toml.
+            torsion: largest torsion of elastic joints, rad or m.
+            stiffness: (n,) for the torsion, N m/rad or N/m; else the robot file's.
+            deviations: (n,) of the torque noise, N m or N; equal where left out.
+            candidates: number of random trajectories to start from, and to beat.
+            starts: how many of them are optimised.
+            seed: of the random trajectories.
+
+        Raises:
+            UsageError: an option is out of range or does not fit the robot.
+            IdentifiabilityError: no such trajectory makes all parameters identifiable.
+
+        Example:
+            >>> import symid
+            >>> found = symid.load("two_link").excite(harmonics=2, period=2, candidates=20, starts=1)
+            >>> found.condition < found.product.random_condition
+            True
+        """
+        from symid.api.excitation import find_workspace, list_numbers, search_trajectory
+        from symid.excitation.fourier import SeriesOptions
+        from symid.excitation.limits import LimitOptions
+        from symid.excitation.loads import LoadOptions
+        from symid.excitation.optimise import ExcitationOptions
+        from symid.excitation.problem import ProblemOptions
+
+        series = SeriesOptions(harmonics=harmonics, period=period, rest=not moving, start=list_numbers(start))
+        limits = LimitOptions(share=share, sweep=sweep, speed=velocity, acceleration=acceleration, jerk=jerk)
+        space = find_workspace(self, workspace)
+        loads = LoadOptions(workspace=space, torsion=torsion, stiffness=list_numbers(stiffness))
+        options = ExcitationOptions(
+            problem=ProblemOptions(
+                series=series, limits=limits, loads=loads, deviations=list_numbers(deviations)
+            ),
+            criterion=criterion,
+            weight=weight,
+            candidates=candidates,
+            starts=min(starts, candidates),
+        )
+        return search_trajectory(self, options, seed)
+
+    def simulate(
+        self,
+        trajectory: "str | PathLike[str] | ExcitedTrajectory | Trajectory | SampledMotion" = "fourier",
+        *,
+        scale: float = 1.0,
+        joint: int = 1,
+        duration: float | None = None,
+        noise: float | None = None,
+        clean: bool = False,
+        delay: float = 0.0,
+        offset: float = 0.0,
+        seed: int = 1,
+    ) -> "Simulation":
+        """Move the robot under PD control along a trajectory and return what its sensors see.
+
+        Args:
+            trajectory: "fourier", a random series; "ta" or "tb", published ones; "tc", kept for validation; a
+                file or a result of `excite`; or a motion.
+            scale: factor on the trajectory's amplitudes.
+            joint: that "tb" moves, counted from one.
+            duration: s; that of the trajectory where left out.
+            noise: standard deviation of the torque sensors, N m or N; 0.05 by default, of an elastic robot
+                2 % of each joint's RMS torque.
+            clean: whether the sensors are perfect: no noise, no encoder steps.
+            delay: of an elastic robot: by how much its link encoders are later than its motor encoders, s.
+            offset: of an elastic robot: what its link encoders read at zero, rad or m.
+            seed: of all random numbers.
+
+        Raises:
+            UsageError: there is no such trajectory, or an option does not fit the robot.
+            RobotError: the robot file does not state all values.
+
+        Example:
+            >>> import symid
+            >>> run = symid.load("two_link").simulate("ta", duration=0.5)
+            >>> run.q.shape, run.tau.shape
+            ((501, 2), (501, 2))
+        """
+        from symid.api.simulation import simulate_experiment
+        from symid.simulation.simulated_log import StatedSensors
+
+        sensors = StatedSensors(clean=clean, noise=noise, delay=delay, offset=offset)
+        return simulate_experiment(
+            self, trajectory, sensors, duration=duration, joint=joint, scale=scale, seed=seed
+        )
+
+    # Payloads, and files for other programs.
+
+    def payload(
+        self,
+        loaded: "PayloadSide",
+        empty: "PayloadSide",
+        *,
+        joint: str | None = None,
+        mass: float | None = None,
+        rows: "PayloadRows" = "torque",
+        estimator: "PayloadEstimator" = "wls",
+    ) -> "PayloadResult":
+        """Return mass, centre of mass and inertia of what the robot carries in `loaded` and not in `empty`.
+
+        A body that is fixed to a link changes the base parameters by K_link delta, delta its ten standard
+        parameters; generalised least squares with the covariance of both sides, and of all bodies that exist
+        the nearest. What the robot cannot show, or noise hides, is refused by name.
+
+        Args:
+            loaded: with the payload: a fit, its file, or logs.
+            empty: without it, likewise.
+            joint: whose link carries it; the last one where left out.
+            mass: kg, where a balance told it.
+            rows: of logs: "torque" or "momentum" equations.
+            estimator: of logs: "ols", or "wls", weighted by the noise of each joint.
+
+        Raises:
+            UsageError: a file is given twice, estimates stand among logs, or there is no such joint.
+            EstimateError: an estimate is of another model.
+            LogError: a log cannot be used.
+            IdentifiabilityError: no payload can be told from none.
+
+        Example:
+            >>> import symid
+            >>> from pathlib import Path
+            >>> robot = symid.load("two_link")
+            >>> heavy = robot.path.read_text().replace("mass = 1.9", "mass = 2.9")
+            >>> Path("heavy.toml").write_text(heavy) == len(heavy)
+            True
+            >>> carrying = symid.load("heavy.toml").simulate(duration=4, seed=2).log
+            >>> found = robot.payload(carrying, robot.simulate(duration=4).log)
+            >>> round(found.mass, 1)
+            1.0
+        """
+        from symid.api.payload import find_model_payload
+
+        return find_model_payload(self, loaded, empty, joint=joint, mass=mass, rows=rows, estimator=estimator)
+
+    def export(self, path: str | PathLike[str], *, precision: "Precision" = "double") -> "ExportedFile":
+        """Write the robot with the values that its file states, in the format that the file's name ends in.
+
+        Args:
+            path: of the file, which is written over: .toml, .urdf, .xml or .mjcf (MuJoCo), .h (C) or .json.
+            precision: of the numbers in a C header: that of the generated library.
+
+        Raises:
+            UsageError: the format is unknown, or has no precision.
+            RobotError: the robot file does not state all values.
+            OutputError: the file cannot be written.
+
+        Example:
+            >>> import symid
+            >>> symid.load("two_link").export("two_link.urdf").format
+            'URDF'
+        """
+        from symid.api.export import export_robot
+
+        return export_robot(self.description, path, precision=precision, progress=self.progress)
+
+    # Studies of methods on the robot, simulated.
+
+    def study_precision(
+        self, *, seeds: int = 400, seed: int = 1, jobs: int | None = None
+    ) -> "Study[PrecisionStudy]":
+        """Compare errors of identification with the Cramer-Rao bound, on five random excitations.
+
+        Args:
+            seeds: draws of the noise.
+            seed: the first one.
+            jobs: processes; None for one a core. A script starts them below `if __name__ == "__main__":`.
+
+        Example:
+            >>> import symid
+            >>> study = symid.load("two_link").study_precision(seeds=2, jobs=1)
+            >>> [method.method for method in study.product.methods]
+            ['wls', 'momentum', 'consistent']
+        """
+        from symid.api.studies import run_precision
+
+        return run_precision(self, range(seed, seed + seeds), jobs)
+
+    def study_cutoff(self, log: "LogLike") -> "Study[CutoffStudy]":
+        """Show what the cut-off of the position filter does to what a fit predicts.
+
+        Args:
+            log: of this robot, a file or one that was read.
+
+        Raises:
+            UsageError: the file lists several runs.
+            LogError: the log is wrong.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> study = robot.study_cutoff(robot.simulate(duration=6.0).log)
+            >>> study.product.chosen > 0
+            True
+        """
+        from symid.api.studies import run_cutoff
+
+        return run_cutoff(self, log)
+
+    def study_elastic(
+        self, *, seeds: int = 100, seed: int = 1, jobs: int | None = None, timed: bool = False
+    ) -> "Study[ElasticStudy]":
+        """Compare the methods for elastic joints on four sets of simulated logs, clean and noisy.
+
+        Args:
+            seeds: draws of the noise; a seed takes half a minute.
+            seed: the first one.
+            jobs: processes; None for one a core. A script starts them below `if __name__ == "__main__":`.
+            timed: whether to tell what each method took, which differs from run to run.
+
+        Raises:
+            UsageError: the robot has not two joints, or its file states no truth.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link_elastic")
+            >>> study = robot.study_elastic(seeds=1)  # doctest: +SKIP
+        """
+        from symid.api.studies import run_elastic
+
+        return run_elastic(self, range(seed, seed + seeds), jobs, timed=timed)
+
+    def study_tracking(
+        self, *, seeds: int = 20, seed: int = 1, jobs: int | None = None
+    ) -> "Study[TrackingStudy]":
+        """Show how well links follow when the controller knows the identified model, another one, or none.
+
+        Args:
+            seeds: draws of the noise of the logs that models are identified from.
+            seed: the first one.
+            jobs: processes; None for one a core. A script starts them below `if __name__ == "__main__":`.
+
+        Raises:
+            UsageError: the robot has not two joints, or its file states no truth.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link_elastic")
+            >>> study = robot.study_tracking(seeds=1)  # doctest: +SKIP
+        """
+        from symid.api.studies import run_tracking
+
+        return run_tracking(self, range(seed, seed + seeds), jobs)
+
+    def study_six_joints(self, *, seeds: int = 1, seed: int = 1) -> "Study[tuple[ManyJointsResult, ...]]":
+        """Judge the dynamics of an elastic arm of any number of joints on a held-out motion.
+
+        Args:
+            seeds: draws of motion and noise.
+            seed: the first one.
+
+        Raises:
+            UsageError: the robot file states no truth.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("puma560_elastic")
+            >>> study = robot.study_six_joints()  # doctest: +SKIP
+        """
+        from symid.api.studies import run_six_joints
+
+        return run_six_joints(self, range(seed, seed + seeds))
+
+
+def load(
+    robot: str | PathLike[str],
+    *,
+    settings: Settings | None = None,
+    friction: str | None = None,
+    base: str | None = None,
+    tip: str | None = None,
+    snap: float | None = None,
+    convention: str | None = None,
+    gravity: Sequence[float] | None = None,
+    backend: str = "auto",
+    progress: Progress = ignore,
+) -> RobotModel:
+    """Return the robot of a name or of a file.
+
+    Args:
+        robot: the path of a robot file (.toml), a URDF or a table of rows (.csv), or the name of a robot in
+            ./robots or of those that come with symid.
+        settings: in place of the file's, by dotted key.
+        friction: the friction model of all joints: "none", "viscous_coulomb", "viscous_coulomb_offset",
+            "asymmetric".
+        base: of a URDF: the link to start from; its root by default.
+        tip: of a URDF: the link to end at; branches are cut off.
+        snap: of a URDF: angles this near (rad) to a quarter turn become one; 1e-5 by default.
+        convention: of a table of rows: "modified" or "standard" Denavit-Hartenberg; it is never guessed.
+        gravity: of a table of rows: in the base frame, m/s^2; 0, 0, -9.81 by default.
+        backend: what computes the functions: "auto", "c", "python" or "casadi".
+        progress: told in a few words what begins, for example `print`.
+
+    Raises:
+        UsageError: there is no such robot, or an option does not fit the file.
+        RobotError: the file is wrong; all mistakes at once, each with its line and column.
+
+    Example:
+        >>> import symid
+        >>> symid.load("panda").name
+        'panda'
+    """
+    from symid.formats.loading import load_robot
+
+    described = load_robot(
+        fspath(robot),
+        list_pairs(settings),
+        friction,
+        base=base,
+        tip=tip,
+        snap=snap,
+        convention=convention,
+        gravity=None if gravity is None else _write_gravity(gravity),
+    )
+    return RobotModel(description=described, backend=backend, progress=progress)
+
+
+def list_robots() -> tuple[str, ...]:
+    """Return the names of the robots in ./robots and of those that come with symid.
+
+    Example:
+        >>> import symid
+        >>> "panda" in symid.list_robots()
+        True
+    """
+    from symid.formats.locate import list_robots as list_names
+
+    return list_names()
+
+
+def _write_gravity(gravity: Sequence[float]) -> tuple[str, str, str]:
+    """Return three numbers as a table's reader takes them.
+
+    Raises:
+        UsageError: they are not three finite numbers.
+    """
+    import math
+
+    from symid.errors import UsageError
+
+    if len(gravity) != 3 or not all(math.isfinite(part) for part in gravity):
+        text = f"gravity {gravity!r}: expected three finite numbers in m/s^2, such as (0, 0, -9.81)"
+        raise UsageError(Notice(code="usage.gravity", text=text))
+    x, y, z = (repr(float(part)) for part in gravity)
+    return (x, y, z)
+
+
+def _find_prior(prior: "Fit | str | PathLike[str] | None") -> "Estimate | Path | str | None":
+    return prior if prior == "robot" else _find_known(prior)
+
+
+def _find_known(fit: "Fit | str | PathLike[str] | None") -> "Estimate | Path | None":
+    from symid.api.fit import find_estimate
+
+    return find_estimate(fit)

@@ -1,0 +1,136 @@
+"""An experiment of a rigid or of an elastic robot, logged like a real one.
+
+Input: a robot whose file states all values, its library, a trajectory, sensors. Output: `SimulatedLog`.
+
+Supported: sensors with one deviation for all joints; `experiment` and `elastic_experiment` take others.
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+
+from symid.codegen.library import Library
+from symid.data.recording import Recording
+from symid.errors import Notice, UsageError
+from symid.excitation.motion import Motion
+from symid.robot.description import Robot
+from symid.simulation.elastic_experiment import simulate_elastic
+from symid.simulation.elastic_options import (
+    ElasticExperimentOptions,
+    build_clean_options,
+    build_noisy_options,
+)
+from symid.simulation.experiment import ExperimentOptions, simulate_experiment
+from symid.simulation.sensors import SensorOptions
+
+__all__ = ["DEFAULT_NOISE", "SimulatedLog", "StatedSensors", "check_sensors", "simulate_log"]
+
+DEFAULT_NOISE = 0.05
+"""N m or N, of rigid robots; elastic ones have noise in proportion to their torques."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StatedSensors:
+    """How the sensors are.
+
+    Args:
+        clean: whether they are perfect: no noise, no encoder steps.
+        noise: standard deviation of the torque, N m or N; None for the default of the kind of robot.
+        delay: of an elastic robot: by how much its link encoders are later than its motor encoders, s.
+        offset: of an elastic robot: what its link encoders read at zero, rad or m.
+    """
+
+    clean: bool = False
+    noise: float | None = None
+    delay: float = 0.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SimulatedLog:
+    """A log, and how it came about.
+
+    Args:
+        recording: what the sensors saw.
+        energy_gap: how far work, energy and losses disagree, relative to the work.
+        backend: what computed the motion.
+        details: in plain types: the noise, the controller of a rigid robot, the torsion of an elastic one.
+    """
+
+    recording: Recording
+    energy_gap: float
+    backend: str
+    details: Mapping[str, object]
+
+
+def check_sensors(robot: Robot, sensors: StatedSensors) -> None:
+    """Refuse encoders of an elastic robot for one that has no elastic joint.
+
+    Raises:
+        UsageError: they were given.
+    """
+    if not any(robot.elastic) and (sensors.delay or sensors.offset):
+        text = (
+            f"--delay and --offset are between the encoders of motors and links; {robot.name} has no elastic "
+            "joint; leave them out"
+        )
+        raise UsageError(Notice(code="usage.rigid-sensors", text=text))
+
+
+def simulate_log(
+    robot: Robot, library: Library, motion: Motion, sensors: StatedSensors, rng: np.random.Generator
+) -> SimulatedLog:
+    """Return the log of a robot under PD control along a trajectory.
+
+    Args:
+        robot: with all values; elastic ones are moved by their motors.
+        library: its functions.
+        motion: the trajectory.
+        sensors: how they are.
+        rng: of the noise.
+    """
+    simulate = _simulate_elastic if any(robot.elastic) else _simulate_rigid
+    return simulate(robot, library, motion, sensors, rng)
+
+
+def _simulate_rigid(
+    robot: Robot, library: Library, motion: Motion, sensors: StatedSensors, rng: np.random.Generator
+) -> SimulatedLog:
+    noise = DEFAULT_NOISE if sensors.noise is None else sensors.noise
+    seen = SensorOptions(counts_per_turn=None) if sensors.clean else SensorOptions(torque_noise=(noise,))
+    options = ExperimentOptions(sensors=seen, controller=robot.controller)
+    run = simulate_experiment(robot, library, motion, options, rng)
+    return SimulatedLog(
+        recording=run.recording,
+        energy_gap=run.energy_gap,
+        backend=library.backend,
+        details={"noise": 0.0 if sensors.clean else noise, "controller": asdict(run.controller)},
+    )
+
+
+def _simulate_elastic(
+    robot: Robot, library: Library, motion: Motion, sensors: StatedSensors, rng: np.random.Generator
+) -> SimulatedLog:
+    options = _build_elastic_options(sensors)
+    run = simulate_elastic(robot, library, motion, options, rng)
+    return SimulatedLog(
+        recording=run.recording,
+        energy_gap=run.relative_gap,
+        backend=run.backend,
+        details={
+            "noise": options.sensors.torque_noise[0],
+            "relative_noise": options.sensors.relative_noise[0],
+            "delay": sensors.delay,
+            "offset": sensors.offset,
+            "largest_torsion": abs(run.phi).max(axis=0).tolist(),
+        },
+    )
+
+
+def _build_elastic_options(sensors: StatedSensors) -> ElasticExperimentOptions:
+    options = build_clean_options() if sensors.clean else build_noisy_options()
+    seen = replace(options.sensors, delay=sensors.delay, link_offset=(sensors.offset,))
+    if sensors.noise is not None and not sensors.clean:
+        seen = replace(seen, torque_noise=(sensors.noise,), relative_noise=(0.0,))
+    return replace(options, sensors=seen)

@@ -1,0 +1,52 @@
+"""What the logs of a fit tell beyond its parameters: read again with the settings of the fit and of each run.
+
+Input: a robot, an estimate. Output: `Diagnosis`.
+"""
+
+from dataclasses import replace
+
+from symid.data.runs import read_recorded_runs
+from symid.elastic.motor_side import build_motor_recording, build_rigid_estimate, build_rigid_variant
+from symid.errors import Notice
+from symid.estimators.estimate import Estimate
+from symid.identification.diagnosis import Diagnosis, diagnose_estimate
+from symid.identification.fitted_robot import restore_robot
+from symid.provenance import find_file_digest
+from symid.robot.description import Robot
+from symid.tasks.identify import Workshop
+
+__all__ = ["diagnose_fit"]
+
+
+def diagnose_fit(robot: Robot, estimate: Estimate, workshop: Workshop) -> Diagnosis:
+    """Return the diagnosis of a fit by its own logs, which are where they were when it was made.
+
+    Args:
+        robot: as read.
+        estimate: of base parameters.
+        workshop: library and progress.
+
+    Raises:
+        LogError: a log is not there any more, or does not fit the robot.
+        UsageError: its rows mix the joints.
+    """
+    fitted = restore_robot(robot, estimate)
+    tried = build_rigid_estimate(estimate, fitted)
+    library = workshop.prepare(build_rigid_variant(fitted))
+    read = read_recorded_runs(estimate.sources, estimate.settings.get("runs"), fitted)
+    recordings = [build_motor_recording(entry, fitted) for entry in read]
+    workshop.progress(f"diagnosing the fit to {len(recordings)} log{'s'[: len(recordings) > 1]}")
+    found = diagnose_estimate(tried, library, recordings, fitted.processing)
+    return replace(found, notices=(*_list_changed(estimate), *found.notices))
+
+
+def _list_changed(estimate: Estimate) -> tuple[Notice, ...]:
+    """Return a notice for every log of the fit whose content is another one now."""
+    digests = estimate.settings.get("log_digests")
+    known = digests if isinstance(digests, list | tuple) else []
+    text = "is not the file that it was when the estimate was made; identify again, or put the old one back"
+    return tuple(
+        Notice(code="diagnosis.changed-log", text=text, file=source)
+        for source, digest in zip(estimate.sources, known, strict=False)
+        if find_file_digest(source) != digest
+    )

@@ -1,0 +1,331 @@
+"""A robot with its values as a file for other programs, in the format that the file's name ends in.
+
+Input: a robot whose file states values, or identified values of one. Output: a file, and `FileExport`.
+
+Supported: robot files (.toml), URDF, MuJoCo models (.xml, .mjcf), C headers (.h), values as JSON (.json).
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from symid.codegen.model_card import build_model_card
+from symid.codegen.names import clean_text, find_prefix
+from symid.errors import EstimateError, Notice, RobotError, UsageError
+from symid.estimators.estimate import ParameterEstimate
+from symid.formats.c_values import write_c_values
+from symid.formats.json_values import build_json_values
+from symid.formats.locate import is_urdf
+from symid.formats.mjcf_writer import list_mjcf_omissions, write_mjcf
+from symid.formats.text_file import read_text_file
+from symid.formats.toml import parse_robot
+from symid.formats.urdf import parse_urdf
+from symid.formats.urdf_rewriter import rewrite_urdf
+from symid.formats.urdf_writer import list_urdf_omissions, write_urdf
+from symid.formats.value_vectors import RobotValues, ValueRow, ValueVector
+from symid.formats.writer import write_robot
+from symid.identification.storage import write_file
+from symid.json_text import write_json
+from symid.parameters.base import BaseParameters, find_base_parameters
+from symid.parameters.consistency import StandardSet
+from symid.parameters.consistency_inputs import build_grouping
+from symid.robot.description import FrictionValues, Robot
+from symid.tasks.identified import Identified, build_robot, list_warnings
+
+__all__ = ["KINDS", "FileExport", "WrittenFriction", "check_format", "write_identified", "write_stated"]
+
+KINDS = {
+    ".toml": "robot file",
+    ".urdf": "URDF",
+    ".xml": "MJCF model",
+    ".mjcf": "MJCF model",
+    ".h": "C header",
+    ".json": "values as JSON",
+}
+"""What files are, by the end of their name."""
+
+
+_SHOWN = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WrittenFriction:
+    """Friction that was written, by joint, with the laws it is; and why that of other joints stayed."""
+
+    laws: Mapping[str, str]
+    values: Mapping[str, FrictionValues]
+    kept: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FileExport:
+    """A file that was written.
+
+    Args:
+        file: its path; robot: as it was written.
+        outcome: how bodies were found; "stated" where the robot file's own were taken, "friction" where only
+            friction was identified.
+        left_out: what the format has no words for.
+        missing: what was not identified.
+        standard: the bodies that were found, None where none were looked for.
+        friction: what was written where only friction was identified.
+        notices: what a user of the file must know.
+    """
+
+    file: Path
+    robot: Robot
+    outcome: str
+    left_out: tuple[str, ...] = ()
+    missing: tuple[str, ...] = ()
+    standard: StandardSet | None = None
+    friction: WrittenFriction | None = None
+    notices: tuple[Notice, ...] = ()
+
+    @property
+    def format(self) -> str:
+        """Return what the file is, in words."""
+        return KINDS[self.file.suffix.lower()]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Content:
+    """What is written: a robot with values, its base parameters, where the values are from.
+
+    `outcome` is how bodies were found, "stated" where the robot file's own were taken; `found` are the
+    identified values themselves.
+    """
+
+    robot: Robot
+    base: BaseParameters
+    outcome: str
+    sources: tuple[str, ...] = ()
+    found: tuple[ParameterEstimate, ...] = ()
+    precision: str = "double"
+
+    @property
+    def comment(self) -> str:
+        """Return the first line of the file."""
+        if not self.sources:
+            return f"{self.robot.name} with the values of its robot file."
+        return f"{self.robot.name} with values identified from {', '.join(self.sources)}."
+
+
+def check_format(path: Path, precision: str = "double", *, friction: bool = False) -> str:
+    """Return the end of the file's name, which says its format.
+
+    Args:
+        path: of the file.
+        precision: of the numbers in a C header.
+        friction: whether friction alone is written.
+
+    Raises:
+        UsageError: there is no such format, it has no precision, or friction alone does not go into it.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in KINDS:
+        text = f"{path}: the format is unknown; give a name that ends in {', '.join(KINDS)}"
+        raise UsageError(Notice(code="usage.suffix", text=text))
+    if precision != "double" and suffix != ".h":
+        text = f"--precision {precision}: only a C header has a precision; leave the option out"
+        raise UsageError(Notice(code="usage.export-precision", text=text))
+    if friction and suffix != ".toml":
+        text = (
+            f"{path}: friction goes into a robot file first: export it as one (-o new.toml), then that file "
+            f"(symid export new.toml -o {path})"
+        )
+        raise UsageError(Notice(code="usage.suffix", text=text))
+    return suffix
+
+
+def write_stated(robot: Robot, path: Path, *, precision: str = "double") -> FileExport:
+    """Write the values of the robot file itself.
+
+    Raises:
+        UsageError: see `check_format`.
+        RobotError: the robot file does not state them all, and the format needs them.
+        OutputError: the file cannot be written.
+    """
+    suffix = check_format(path, precision)
+    base = find_base_parameters(robot)
+    if suffix != ".toml":
+        _check_values(robot, base)
+    content = _Content(robot=robot, base=base, outcome="stated", precision=precision)
+    write_file(path, _WRITERS[suffix](content))
+    left_out = _list_omissions(robot, suffix)
+    return FileExport(
+        file=path,
+        robot=robot,
+        outcome=content.outcome,
+        left_out=left_out,
+        notices=(*robot.notices, *_warn_of_omissions(left_out, path)),
+    )
+
+
+def write_identified(found: Identified, source: Path, path: Path, *, precision: str = "double") -> FileExport:
+    """Write the robot with the values that an estimate says.
+
+    Args:
+        found: what the estimate says.
+        source: where the estimate is from, for messages.
+        path: of the file.
+        precision: "double" or "float", of a C header.
+
+    Raises:
+        UsageError: see `check_format`.
+        EstimateError: the values are none that such a file can have.
+        OutputError: the file cannot be written.
+    """
+    suffix = check_format(path, precision)
+    identified = build_robot(found)
+    sources = tuple(Path(entry).name for entry in found.sources)
+    before = f"; before: {identified.robot.source}" if identified.robot.source else ""
+    robot = replace(identified.robot, source=f"Values identified from {', '.join(sources)}{before}")
+    content = _Content(
+        robot=robot,
+        base=found.base,
+        outcome=identified.standard.outcome.name.lower(),
+        sources=sources,
+        found=found.values,
+        precision=precision,
+    )
+    write_file(path, _write_readable(content, suffix, source))
+    left_out = _list_omissions(robot, suffix)
+    return FileExport(
+        file=path,
+        robot=robot,
+        outcome=content.outcome,
+        left_out=left_out,
+        missing=found.missing,
+        standard=identified.standard,
+        notices=(*list_warnings(identified, found, source), *_warn_of_omissions(left_out, path)),
+    )
+
+
+def _check_values(robot: Robot, base: BaseParameters) -> None:
+    """Refuse a robot whose file does not say what its links are.
+
+    Raises:
+        RobotError: a link or a symbolic length has no value.
+    """
+    build_grouping(robot, base)
+    missing = [joint.name for joint in robot.joints if joint.inertial is None]
+    if missing:
+        text = (
+            f"the links of {', '.join(missing)} have no values; give them in the robot file, or identify "
+            "them and give the estimate to `symid export`"
+        )
+        raise RobotError(Notice(code="export.no-values", text=text, file=robot.path))
+
+
+def _write_readable(content: _Content, suffix: str, source: Path) -> str:
+    """Return the text of the file, which can be read where symid reads such files.
+
+    Raises:
+        EstimateError: its values are none that such a file can have.
+    """
+    text = _WRITERS[suffix](content)
+    try:
+        if suffix == ".toml":
+            parse_robot(text)
+        elif suffix == ".urdf":
+            parse_urdf(text)
+    except RobotError as error:
+        reasons = "; ".join(notice.text for notice in error.notices)
+        said = f"no {KINDS[suffix]} can have these values: {reasons}; identify from logs that tell more"
+        raise EstimateError(Notice(code="export.impossible", text=said, file=str(source))) from error
+    return text
+
+
+def _warn_of_omissions(left_out: Sequence[str], output: Path) -> tuple[Notice, ...]:
+    if not left_out:
+        return ()
+    more = f"; and {len(left_out) - _SHOWN} more" if len(left_out) > _SHOWN else ""
+    text = f"the format has no words for this, which stands in comments: {'; '.join(left_out[:_SHOWN])}{more}"
+    return (Notice(code="export.left-out", text=text, file=str(output)),)
+
+
+def _write_toml(content: _Content) -> str:
+    return write_robot(content.robot, comment=content.comment)
+
+
+def _write_urdf(content: _Content) -> str:
+    """Return the robot's own file with other values where it is a URDF, else a new one."""
+    path = Path(content.robot.path)
+    # Of a file that was cut the rest has values of its own, which belong to other links than here.
+    cut = any(notice.code == "robot.cut-off" for notice in content.robot.notices)
+    if content.robot.path and is_urdf(path) and not cut:
+        return rewrite_urdf(read_text_file(path), content.robot, comments=(content.comment,))
+    return write_urdf(content.robot, comments=(content.comment,))
+
+
+def _write_mjcf(content: _Content) -> str:
+    return write_mjcf(content.robot, comments=(content.comment,))
+
+
+def _write_header(content: _Content) -> str:
+    comments = (clean_text(content.comment),)
+    return write_c_values(_build_values(content), comments=comments, precision=content.precision)
+
+
+def _write_values(content: _Content) -> str:
+    found = build_json_values(
+        content.robot, _build_values(content), outcome=content.outcome, sources=content.sources
+    )
+    return write_json(found) + "\n"
+
+
+_WRITERS: dict[str, Callable[[_Content], str]] = {
+    ".toml": _write_toml,
+    ".urdf": _write_urdf,
+    ".xml": _write_mjcf,
+    ".mjcf": _write_mjcf,
+    ".h": _write_header,
+    ".json": _write_values,
+}
+
+
+def _build_values(content: _Content) -> RobotValues:
+    """Return the robot's values as the vectors of its generated functions."""
+    card = build_model_card(content.robot, content.base, ())
+    known = {entry.name: entry for entry in content.found}
+    titles = {
+        "beta": ("Base parameters of links and drives", card.beta),
+        "f": ("Friction parameters", card.friction),
+        "IA": ("Rotor inertias of elastic joints, on the joints' side", card.rotors),
+        "h": ("Parameters of the springs of elastic joints", card.springs),
+    }
+    vectors = []
+    for name, (title, cards) in titles.items():
+        rows = []
+        for entry in cards:
+            found = known.get(entry.name)
+            # A joint whose friction is known in part has none in robot files; here it has that part.
+            value = found.value if entry.value is None and found is not None else entry.value
+            rows.append(
+                ValueRow(
+                    name=clean_text(entry.name),
+                    value=value,
+                    unit=entry.unit,
+                    expression=clean_text(entry.expression),
+                    identified=found.value if found is not None else None,
+                    std=_find_std(found),
+                )
+            )
+        vectors.append(ValueVector(name=name, title=title, rows=tuple(rows)))
+    prefix = find_prefix(card.robot)
+    return RobotValues(robot=card.robot, prefix=prefix, signature=card.signature, vectors=tuple(vectors))
+
+
+def _find_std(found: ParameterEstimate | None) -> float | None:
+    """Return the deviation of an identified value, where the method gives one."""
+    return found.std if found is not None and 0.0 < found.std < math.inf else None
+
+
+def _list_omissions(robot: Robot, suffix: str) -> tuple[str, ...]:
+    """Return what the format has no words for."""
+    if suffix == ".urdf":
+        return list_urdf_omissions(robot)
+    if KINDS[suffix] == "MJCF model":
+        return list_mjcf_omissions(robot)
+    return ()

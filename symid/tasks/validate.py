@@ -1,0 +1,470 @@
+"""What an estimate explains of a log that it was not fitted to; nothing is fitted.
+
+Input: a robot, an estimate, a log, settings. Output: `RigidTrial`, `ElasticOutcome`, `FrictionTrial`.
+
+Filter and friction are those of the identification, unless the call states others.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from symid.codegen.library import Library
+from symid.data.alignment import Alignment
+from symid.data.logs import read_one_log
+from symid.data.recording import Recording
+from symid.data.runs import refuse_loads
+from symid.elastic.estimate import ElasticEstimate
+from symid.elastic.motor_side import build_motor_recording, build_rigid_estimate, build_rigid_variant
+from symid.elastic.settings import check_settings, cut_logs, find_asked_cutoff
+from symid.elastic.signals import find_positions
+from symid.elastic.storage import check_elastic_model
+from symid.elastic.torsion import prepare_aligned
+from symid.elastic.tracking import TrackingRun, simulate_tracking
+from symid.elastic.trial import ElasticTrial, try_estimate
+from symid.errors import Notice, UsageError
+from symid.estimators.estimate import Estimate, Residual, SettledProcessing, Validation
+from symid.excitation.named import build_trajectory
+from symid.excitation.trajectories import Trajectory
+from symid.friction.results import FrictionIdentification
+from symid.friction.robot_friction import set_identified_friction
+from symid.friction.validation import check_friction_model, check_friction_robot, validate_friction
+from symid.identification.fitted_processing import settle_as_fitted
+from symid.identification.fitted_robot import restore_robot
+from symid.identification.validate import check_model, validate_estimate
+from symid.residuals.metric import BandResidual, find_band_residual, predict_torques
+from symid.robot.description import Robot
+from symid.simulation.elastic_options import build_noisy_options
+from symid.simulation.stated_values import check_values
+from symid.tasks.identify import Workshop
+
+__all__ = [
+    "ElasticOutcome",
+    "FrictionTrial",
+    "RigidTrial",
+    "Tracking",
+    "TrackingTask",
+    "Trial",
+    "build_tracking_task",
+    "validate_elastic",
+    "validate_friction_result",
+    "validate_rigid",
+]
+
+_BEYOND = 1.05
+"""Part of the torsion seen in the fit up to which a spring counts as known."""
+
+_TC_JOINTS, _SEED = 2, 1
+"""Joints that the motion for validation has, and the seed of the random one for other robots."""
+
+Pairs = Sequence[tuple[str, str]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RigidTrial:
+    """What an estimate of base parameters explains of a log.
+
+    Args:
+        robot: as it was identified, elastic joints included.
+        validation: residuals and series; settled: how the log was processed.
+        band: what is left below a frequency at the full rate; None where not asked for.
+        notices: what a reader should know.
+    """
+
+    robot: Robot
+    validation: Validation
+    settled: SettledProcessing
+    notices: tuple[Notice, ...]
+    band: BandResidual | None = None
+
+    @property
+    def source(self) -> str:
+        """Return the log."""
+        return self.validation.source
+
+    @property
+    def residual(self) -> tuple[Residual, ...]:
+        """Return what is left, joint by joint, within the band if asked for."""
+        return self.validation.residual if self.band is None else self.band.joints
+
+    @property
+    def mean_relative_percent(self) -> float:
+        """Return the mean over joints of the relative residuals, in percent, within the band if asked for."""
+        return (self.band or self.validation).mean_relative_percent
+
+    def find_missed(self, gate: float | None) -> tuple[Notice, ...]:
+        """Return why a gate in percent is missed; nothing where it is not, or there is none."""
+        return _find_missed_gate(self.mean_relative_percent, gate, self.source)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Tracking:
+    """Closed loops along one trajectory, the first of rigid joints, and the methods of the others."""
+
+    trajectory: Trajectory
+    runs: tuple[TrackingRun, ...]
+    methods: Mapping[str, str]
+    seed: int | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TrackingTask:
+    """A motion to simulate with feed-forward of the estimate.
+
+    Args:
+        trajectory: which; seed: of a random one, None for another.
+        against: further estimates to compare with, by where they come from.
+    """
+
+    trajectory: Trajectory
+    seed: int | None = None
+    against: tuple[tuple[str, ElasticEstimate], ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ElasticOutcome:
+    """What an estimate of elastic joints explains of a log, and how links follow with it.
+
+    Args:
+        robot: as it was identified; estimate: which.
+        trial: torques by motors, links and springs.
+        alignment: delay and offsets of the log's encoders, None where not looked for.
+        tracking: None where not asked for.
+        notices: what a reader should know.
+    """
+
+    robot: Robot
+    estimate: ElasticEstimate
+    trial: ElasticTrial
+    notices: tuple[Notice, ...]
+    alignment: Alignment | None = None
+    tracking: Tracking | None = None
+
+    @property
+    def source(self) -> str:
+        """Return the log."""
+        return self.trial.source
+
+    @property
+    def residual(self) -> tuple[Residual, ...]:
+        """Return what motors and links together leave, joint by joint."""
+        return self.trial.residuals[0][1]
+
+    @property
+    def mean_relative_percent(self) -> float:
+        """Return the mean over joints of the relative residuals by motors and links, in percent."""
+        return self.trial.mean_relative_percent
+
+    def find_missed(self, gate: float | None) -> tuple[Notice, ...]:
+        """Return what misses a gate in percent: dynamics, and each of the two tables that springs are in."""
+        return tuple(
+            replace(notice, text=f"{caption.rstrip('.')}: {notice.text}")
+            for (caption, _), reached in zip(self.trial.residuals, self.trial.means, strict=True)
+            for notice in _find_missed_gate(reached, gate, self.source)
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FrictionTrial:
+    """What laws of friction, with the rigid part, explain of a log; `laws` by joint."""
+
+    robot: Robot
+    validation: Validation
+    laws: Mapping[str, str]
+    notices: tuple[Notice, ...]
+
+    @property
+    def source(self) -> str:
+        """Return the log."""
+        return self.validation.source
+
+    @property
+    def residual(self) -> tuple[Residual, ...]:
+        """Return what is left, joint by joint."""
+        return self.validation.residual
+
+    @property
+    def mean_relative_percent(self) -> float:
+        """Return the mean over joints of the relative residuals, in percent."""
+        return self.validation.mean_relative_percent
+
+    def find_missed(self, gate: float | None) -> tuple[Notice, ...]:
+        """Return why a gate in percent is missed; nothing where it is not, or there is none."""
+        return _find_missed_gate(self.mean_relative_percent, gate, self.source)
+
+
+Trial = RigidTrial | ElasticOutcome | FrictionTrial
+"""What a fit of any kind explains of a log."""
+
+
+def _find_missed_gate(reached: float, gate: float | None, source: str) -> tuple[Notice, ...]:
+    """Return what is wrong with a mean relative residual of `reached` percent; nothing without a gate."""
+    if gate is None or reached <= gate:
+        return ()
+    text = f"mean relative residual {reached:.4f} %, the gate is {gate:g} %"
+    return (Notice(code="validate.gate-missed", text=text, file=source),)
+
+
+def validate_rigid(
+    robot: Robot,
+    estimate: Estimate,
+    log: Path | Recording,
+    workshop: Workshop,
+    *,
+    pairs: Pairs = (),
+    band: float | None = None,
+    file: str = "",
+) -> RigidTrial:
+    """Return what a rigid model explains of a log; one that was identified as rigid is tried as rigid.
+
+    Args:
+        robot: as read.
+        estimate: of base parameters.
+        log: a file, or what was read from one.
+        workshop: library and progress.
+        pairs: settings of the call, keys and values.
+        band: Hz below which torques are compared at the full rate, None for the rows of the fit.
+        file: of the estimate, for messages.
+
+    Raises:
+        EstimateError: the estimate is of another model.
+        LogError: the log does not fit the robot.
+        IdentifiabilityError: no joint moves in it.
+    """
+    described = restore_robot(robot, estimate, pairs)
+    found = build_rigid_estimate(estimate, described)
+    recording = build_motor_recording(_read(log, described), described)
+    library = workshop.prepare(build_rigid_variant(described))
+    check_model(found, library.card, file)
+    workshop.progress(f"validating on {recording.source}")
+    settled = settle_as_fitted(found, described.processing, recording)
+    validation = validate_estimate(found, library, recording, described.processing)
+    residual = None
+    if band is not None:
+        names = tuple(entry.name for entry in (*library.card.beta, *library.card.friction))
+        values = found.assemble(names)
+        predicted = predict_torques(values, library, recording, settled.processing, band=band)
+        residual = find_band_residual(predicted)
+    notices = (*described.notices, *library.notices, *recording.notices, *validation.notices)
+    return RigidTrial(robot=described, validation=validation, settled=settled, notices=notices, band=residual)
+
+
+def _read(log: Path | Recording, robot: Robot, alone: str = "") -> Recording:
+    if isinstance(log, Path):
+        return read_one_log(log, robot, alone)
+    if alone:
+        refuse_loads((log,), alone)
+    return log
+
+
+def validate_elastic(
+    robot: Robot,
+    estimate: ElasticEstimate,
+    log: Path | Recording,
+    workshop: Workshop,
+    *,
+    pairs: Pairs = (),
+    tracking: TrackingTask | None = None,
+    file: str = "",
+) -> ElasticOutcome:
+    """Return what an estimate of elastic joints explains of a log, and how links follow with it.
+
+    Delay and offsets of the log's link encoders are taken out first, as in an identification.
+
+    Args:
+        robot: as read.
+        estimate: of dynamics and springs.
+        log: a file, or what was read from one.
+        workshop: library and progress.
+        pairs: settings of the call, keys and values.
+        tracking: a motion to simulate, None for none; the robot file must state the true values then.
+        file: of the estimate, for messages.
+
+    Raises:
+        UsageError: a setting has no meaning here; an estimate lacks springs, which a feed-forward needs.
+        EstimateError: an estimate is of another model.
+        LogError: the log lacks an encoder, or does not fit the robot.
+        RobotError: the robot file lacks values to simulate with.
+    """
+    check_settings(pairs, "elastic")
+    described = restore_robot(robot, estimate, pairs)
+    (recording,) = cut_logs((_read(log, described, "an elastic robot"),), described.processing)
+    # A log with one position is refused before minutes go into a library.
+    find_positions(recording)
+    if tracking is not None:
+        check_values(described)
+    library = workshop.prepare(described)
+    check_elastic_model(estimate, library.card, file)
+    cases = {} if tracking is None else _list_cases(estimate, tracking, library, file)
+    (moved,), alignment, told = prepare_aligned(library, (recording,))
+    workshop.progress(f"validating on {recording.source}")
+    trial = try_estimate(estimate, library, moved, cutoff=find_asked_cutoff(described, pairs))
+    followed = None
+    if tracking is not None:
+        followed = _track(described, library, tracking, cases, workshop)
+    notices = (
+        *described.notices,
+        *library.notices,
+        *recording.notices,
+        *told,
+        *_warn_of_trial(estimate, trial),
+    )
+    return ElasticOutcome(
+        robot=described,
+        estimate=estimate,
+        trial=trial,
+        notices=notices,
+        alignment=alignment,
+        tracking=followed,
+    )
+
+
+def _warn_of_trial(found: ElasticEstimate, trial: ElasticTrial) -> tuple[Notice, ...]:
+    """Return what makes the log a poor test: that it is one of the fit, or goes beyond those."""
+    notices = []
+    if trial.fitted:
+        text = "the estimate was fitted to this very log, which is no test of it; validate on another motion"
+        notices.append(Notice(code="validate.fitted-log", text=text, file=trial.source))
+    reached = {joint.joint: float(abs(joint.torsion).max()) for joint in trial.joints}
+    beyond = [
+        f"{entry.joint} {reached[entry.joint]:.3g} against {entry.torsion:.3g} {entry.position_unit}"
+        for entry in found.springs
+        if entry.told and reached[entry.joint] > _BEYOND * entry.torsion
+    ]
+    if beyond:
+        text = (
+            f"torsion beyond that of the logs of the fit, where springs are continued as they end: "
+            f"{', '.join(beyond)}; identify from logs that reach as far"
+        )
+        notices.append(Notice(code="validate.beyond-torsion", text=text, file=trial.source))
+    return tuple(notices)
+
+
+def _list_cases(
+    found: ElasticEstimate, task: TrackingTask, library: Library, file: str
+) -> dict[str, ElasticEstimate]:
+    """Return the estimates whose feed-forward is tried, by name.
+
+    Raises:
+        EstimateError: another estimate is of another model.
+        UsageError: an estimate has no springs, which a feed-forward needs.
+    """
+    for path, estimate in task.against:
+        check_elastic_model(estimate, library.card, path)
+    cases = dict(enumerate(((file, found), *task.against), start=1))
+    lacking = [
+        path
+        for path, estimate in cases.values()
+        if not estimate.springs or not all(spring.told for spring in estimate.springs)
+    ]
+    if lacking:
+        text = (
+            "the estimate lacks springs, and a feed-forward of elastic joints needs them all; "
+            "identify them too"
+        )
+        raise UsageError(*(Notice(code="usage.no-springs", text=text, file=path) for path in lacking))
+    return {f"Case {number}: {estimate.method}": estimate for number, (_, estimate) in cases.items()}
+
+
+def build_tracking_task(
+    robot: Robot, seed: int | None, against: tuple[tuple[str, ElasticEstimate], ...] = ()
+) -> TrackingTask:
+    """Return a motion to follow: the one that validation is made for, or a random one.
+
+    Args:
+        robot: of two joints where the former is wanted.
+        seed: of a random motion; None for the former, and for a random one of seed 1 with other robots.
+        against: further estimates to compare with, by where they come from.
+    """
+    plain = seed is None and robot.freedom == _TC_JOINTS
+    chosen = None if plain else _SEED if seed is None else seed
+    name = "tc" if plain else "fourier"
+    trajectory = build_trajectory(robot, name, np.random.default_rng(chosen or 0))
+    return TrackingTask(trajectory=trajectory, seed=chosen, against=against)
+
+
+def _track(
+    robot: Robot,
+    library: Library,
+    task: TrackingTask,
+    cases: Mapping[str, ElasticEstimate],
+    workshop: Workshop,
+) -> Tracking:
+    """Return the closed loops of all cases, simulated with the values of the robot file."""
+    workshop.progress(f"tracking {task.trajectory.source} with {len(cases) + 1} kinds of feed-forward")
+    bases = len(library.card.beta)
+    runs = simulate_tracking(
+        robot,
+        library,
+        {name: estimate.build_fit(bases) for name, estimate in cases.items()},
+        task.trajectory,
+        build_noisy_options(),
+        progress=workshop.progress,
+    )
+    methods = {name: estimate.method for name, estimate in cases.items()}
+    return Tracking(trajectory=task.trajectory, runs=runs, methods=methods, seed=task.seed)
+
+
+def validate_friction_result(
+    robot: Robot,
+    found: FrictionIdentification,
+    log: Path | Recording,
+    workshop: Workshop,
+    *,
+    pairs: Pairs = (),
+    file: str = "",
+) -> FrictionTrial:
+    """Return what identified friction, with its rigid part, explains of a log that was not fitted.
+
+    Args:
+        robot: as read.
+        found: laws and parameters.
+        log: a file, or what was read from one.
+        workshop: library and progress.
+        pairs: settings of the call, keys and values.
+        file: of the result, for messages.
+
+    Raises:
+        EstimateError: the friction is of another model.
+        IdentifiabilityError: nothing can be said of any joint.
+    """
+    # The log map of another robot would only say that its columns do not fit.
+    check_friction_robot(found, robot.name, file)
+    unfolded, notices = _unfold(robot, found, str(log.source if isinstance(log, Recording) else log))
+    described = restore_robot(robot, unfolded, pairs)
+    recording = build_motor_recording(_read(log, described, "a law of friction"), described)
+    library = workshop.prepare(set_identified_friction(build_rigid_variant(described), found))
+    check_friction_model(found, library.card, file)
+    workshop.progress(f"validating on {recording.source}")
+    validation = validate_friction(found, library, recording, described.processing)
+    return FrictionTrial(
+        robot=described,
+        validation=validation,
+        laws={entry.joint: entry.estimate.law for entry in found.joints},
+        notices=(
+            *described.notices,
+            *notices,
+            *library.notices,
+            *recording.notices,
+            *validation.notices,
+        ),
+    )
+
+
+def _unfold(
+    robot: Robot, found: FrictionIdentification, log: str
+) -> tuple[FrictionIdentification, tuple[Notice, ...]]:
+    """Return the result for a log that is taken as it is: mean periods have cut ends of their own."""
+    processing = found.settings.get("processing")
+    folded = found.settings.get("period") or found.settings.get("periods")
+    if not folded or not isinstance(processing, dict):
+        return found, ()
+    own = robot.processing
+    processing = {**processing, "drop_first": own.drop_first, "drop_last": own.drop_last}
+    text = "friction was fitted to mean periods; this log is taken as it is, noise and all"
+    return (
+        replace(found, settings={**found.settings, "processing": processing}),
+        (Notice(code="validate.not-folded", text=text, file=log),),
+    )

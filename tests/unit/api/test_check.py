@@ -1,0 +1,62 @@
+"""A check of logs from Python: files and logs that were read, poor logs, even copies."""
+
+import numpy as np
+import pytest
+
+import symid
+from symid.errors import UsageError
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return symid.load("two_link")
+
+
+@pytest.fixture(scope="module")
+def log(robot):
+    return robot.simulate(duration=8, seed=1).log
+
+
+def test_a_robot_file_alone(robot):
+    found = robot.check()
+    assert found.accepted
+    assert str(found) == f"{robot.path}: two_link, 2 joints, modified DH: no mistakes"
+    assert repr(found) == "<RobotCheck two_link, 2 joints, modified DH: 0 logs>"
+
+
+def test_a_log_that_was_read_is_checked_as_its_file(robot, log, tmp_path):
+    path = tmp_path / "run.npz"
+    np.savez(path, t=log.time, q=log.q, tau=log.tau, dq=log.dq)
+    read = symid.read_log(path, robot)
+    from_file, from_log = robot.check(path), robot.check(read)
+    assert from_file.to_dict() == from_log.to_dict()
+    assert str(from_file) == str(from_log)
+    assert from_file.accepted
+    assert from_file.excitation.rank == 12
+    assert len(robot.check(path, read).logs) == 2
+
+
+def test_a_log_at_rest_is_refused(robot):
+    time = np.arange(2000) * 1e-3
+    still = symid.build_log(robot, time=time, q=np.ones((2000, 2)), tau=np.ones((2000, 2)))
+    found = robot.check(still)
+    assert not found.accepted
+    assert found.errors[0].code == "identify.standstill"
+    assert found.excitation is None
+    assert "excitation" not in found.to_dict()
+
+
+def test_an_even_copy_is_written(robot, log, tmp_path):
+    rng = np.random.default_rng(4)
+    kept = np.sort(rng.choice(len(log), size=len(log) - 50, replace=False))
+    np.savez(tmp_path / "uneven.npz", t=log.time[kept], q=log.q[kept], tau=log.tau[kept])
+    found = robot.check(tmp_path / "uneven.npz", resample=tmp_path / "even.npz")
+    file, notice = found.product.copy
+    assert notice.code == "log.resampled"
+    assert notice in found.notices
+    copy = symid.read_log(file, robot)
+    assert np.ptp(np.diff(copy.time)) < 1e-9
+    np.testing.assert_allclose(copy.q, log.q[: len(copy)], atol=1e-4)
+    with pytest.raises(UsageError) as caught:
+        robot.check(resample=tmp_path / "even.npz")
+    assert caught.value.notices[0].code == "usage.one-log"

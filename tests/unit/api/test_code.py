@@ -1,0 +1,151 @@
+"""Functions of a robot as code: compiled and called, written to a folder, as SymPy and CasADi objects."""
+
+import json
+
+import numpy as np
+import pytest
+
+import symid
+from symid.api.code import CompiledModel, RobotFunction, TupleFunction
+from symid.errors import UsageError
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return symid.load("two_link")
+
+
+@pytest.fixture(scope="module")
+def lib(robot):
+    return robot.compile()
+
+
+def test_kinetic_energy_is_half_the_mass_matrix_between_velocities(lib):
+    rng = np.random.default_rng(1)
+    q, dq = rng.normal(size=(2, 7, 2))
+    mass = lib.mass_matrix(q, lib.beta)
+    kinetic, potential = lib.energy(q, dq, lib.beta)
+    np.testing.assert_allclose(kinetic[:, 0], 0.5 * np.einsum("ki,kij,kj->k", dq, mass, dq), rtol=1e-13)
+    step = 1e-6 * np.eye(2)
+    slopes = [(lib.energy(q + s, dq, lib.beta).V - lib.energy(q - s, dq, lib.beta).V) / 2e-6 for s in step]
+    np.testing.assert_allclose(lib.gravity(q, lib.beta), np.hstack(slopes), atol=1e-8)
+    assert potential.shape == (7, 1)
+
+
+def test_a_batch_is_its_samples_and_lists_will_do(lib):
+    q = np.random.default_rng(2).normal(size=(5, 2))
+    batch = lib.mass_matrix(q, lib.beta)
+    single = [lib.mass_matrix(row.tolist(), lib.beta.tolist()) for row in q]
+    np.testing.assert_allclose(batch, single, rtol=1e-14)
+    (bound,) = lib.mass_matrix.bind()(q[0], lib.beta)
+    np.testing.assert_array_equal(bound, single[0])
+    out = np.empty((5, 2, 2))
+    assert lib.mass_matrix(q, lib.beta, out=out) is out
+    np.testing.assert_array_equal(out, batch)
+
+
+def test_several_outputs_have_names(lib):
+    found = lib.energy([0.1, 0.2], [1.0, 2.0], lib.beta)
+    assert isinstance(found, tuple)
+    assert found.names == ("T", "V")
+    assert found.T is found[0]
+    assert repr(found).startswith("Outputs(T=array(")
+    with pytest.raises(AttributeError, match="no output 'U'; there are T, V"):
+        _ = found.U
+
+
+@pytest.mark.parametrize("name", ["panda", "two_link_elastic"])
+def test_types_of_functions_are_those_that_editors_are_told(name):
+    told = CompiledModel.__annotations__
+    lib = symid.load(name).compile()
+    assert set(lib.functions) <= set(told)
+    for entry in lib.functions:
+        several = len(getattr(lib, entry).spec.outputs) > 1
+        assert told[entry] is type(getattr(lib, entry)) is (TupleFunction if several else RobotFunction)
+
+
+def test_no_function_of_the_catalogue_is_without_a_type(robot):
+    elastic = symid.load("two_link_elastic")
+    names = {*robot.compile().functions, *elastic.compile().functions}
+    assert names == set(CompiledModel.__annotations__)
+
+
+def test_a_wrong_name_gets_the_nearest(robot, lib):
+    with pytest.raises(AttributeError, match="no function 'mass_matrx': did you mean mass_matrix"):
+        _ = lib.mass_matrx
+    with pytest.raises(AttributeError, match="there are forward_kinematics, jacobian"):
+        _ = lib.zzzz
+    assert {"mass_matrix", "friction", "beta"} <= set(dir(lib))
+    assert "hysteresis_step" not in dir(lib)
+    for call in (robot.sympy, robot.casadi):
+        with pytest.raises(UsageError, match=r"did you mean gravity\?") as caught:
+            call("gravty")
+        assert caught.value.notices[0].code == "usage.unknown-function"
+
+
+def test_values_are_those_of_the_robot_file(robot, lib, tmp_path):
+    assert dict(zip(robot.base.names, lib.beta, strict=True)).items() <= robot.base.values.items()
+    assert len(lib.f) == len(robot.base.friction)
+    path = tmp_path / "slide.toml"
+    path.write_text(
+        'name = "slide"\nconvention = "modified"\ngravity = [0, 0, -9.81]\n'
+        '[[joint]]\nname = "axis"\nkind = "prismatic"\n'
+    )
+    slide = symid.load(path).compile()
+    with pytest.raises(UsageError, match=r"beta: .* does not state the values of M1") as caught:
+        _ = slide.beta
+    assert caught.value.notices[0].code == "usage.no-values"
+
+
+def test_it_shows_itself_in_one_line(lib):
+    assert repr(lib) == f"<CompiledModel two_link: 17 functions, {lib.backend}>"
+    assert repr(lib.mass_matrix).startswith("<mass_matrix(q[2], beta[6]) -> M[2, 2]: joint-space mass")
+
+
+def test_casadi_computes_the_same(robot, lib):
+    other = symid.load("two_link", backend="casadi").compile()
+    assert other.backend == "casadi"
+    q = np.random.default_rng(3).normal(size=(4, 2))
+    np.testing.assert_allclose(other.mass_matrix(q, lib.beta), lib.mass_matrix(q, lib.beta), rtol=1e-13)
+    function = robot.casadi("mass_matrix")
+    np.testing.assert_allclose(function(q[0], lib.beta).full(), lib.mass_matrix(q[0], lib.beta), rtol=1e-13)
+    constant = robot.casadi("mass_matrix", constant=True)
+    np.testing.assert_allclose(constant(q[0]).full(), lib.mass_matrix(q[0], lib.beta), rtol=1e-13)
+
+
+def test_sympy_computes_the_same(robot, lib):
+    gravity = robot.sympy("gravity")
+    q = np.array([0.3, -0.8])
+    (found,) = gravity.lambdify()(q, lib.beta)
+    np.testing.assert_allclose(np.ravel(found), lib.gravity(q, lib.beta), rtol=1e-12)
+    assert "pi" in robot.sympy("gravity", standard=True).inputs
+
+
+@pytest.mark.parametrize("target", ["python", "casadi"])
+def test_a_folder_is_written_once(robot, tmp_path, target):
+    made = robot.write(target, tmp_path / "code", functions=["gravity"])
+    assert (made.selftest, made.unchanged, list(made.operations)) == ("passed", False, ["gravity"])
+    assert all(path.is_file() for path in made.files)
+    again = robot.write(target, tmp_path / "code", functions=["gravity"])
+    assert again.unchanged
+    assert again.to_dict() == {**made.to_dict(), "unchanged": True}
+    json.dumps(made.to_dict())
+    assert "gravity" in str(made)
+    assert "self-test passed" in repr(made)
+
+
+@pytest.mark.parametrize(
+    ("target", "options", "code"),
+    [
+        ("rust", {}, "usage.target"),
+        ("c", {"parameters": "all"}, "usage.parameters"),
+        ("python", {"friction_laws": True}, "usage.friction-laws"),
+        ("casadi", {"precision": "float"}, "usage.precision"),
+        ("python", {"functions": ["gravty"]}, "usage.unknown-function"),
+    ],
+)
+def test_what_is_not_offered_is_refused(robot, tmp_path, target, options, code):
+    with pytest.raises(UsageError) as caught:
+        robot.write(target, tmp_path / "code", **options)
+    assert caught.value.notices[0].code == code
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,106 @@
+"""Trajectories, simulated logs and studies from Python: as from the command line, and on their own."""
+
+import numpy as np
+import pytest
+
+import symid
+from symid.cli.main import run
+from symid.errors import OutputError, UsageError
+from symid.excitation.named import build_motion
+from symid.excitation.trajectory_file import read_trajectory
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return symid.load("two_link")
+
+
+@pytest.fixture(scope="module")
+def found(robot):
+    return robot.excite(harmonics=2, period=2, candidates=20, starts=1, seed=3)
+
+
+def test_python_and_the_command_line_write_the_same_bytes(robot, found, tmp_path, capsys):
+    excite = ("--harmonics", "2", "--period", "2", "--candidates", "20", "--starts", "1", "--seed", "3")
+    motion, log = tmp_path / "motion.csv", tmp_path / "log.npz"
+    assert run(["excite", "two_link", *excite, "--rate", "50", "-o", str(motion), "-q"]) == 0
+    assert run(["simulate", "two_link", "--duration", "1", "--seed", "5", "-o", str(log), "-q"]) == 0
+    printed = capsys.readouterr().out
+    assert found.save(tmp_path / "own.csv", rate=50) == tmp_path / "own.csv"
+    assert (tmp_path / "own.csv").read_bytes() == motion.read_bytes()
+    simulated = robot.simulate(duration=1, seed=5)
+    assert simulated.save(tmp_path / "own.npz").read_bytes() == log.read_bytes()
+    assert str(found) in printed
+    assert simulated.summarise() in printed
+
+
+def test_a_file_repeats_the_states_of_the_trajectory(robot, found, tmp_path):
+    path = tmp_path / "motion.csv"
+    motion = read_trajectory(found.save(path, rate=100, periods=2), robot.description)
+    assert len(motion.position) == found.count_samples(rate=100, periods=2) == 401
+    q, dq, ddq = found.trajectory.evaluate(np.arange(200) / 100)
+    for states, expected in ((motion.position, q), (motion.velocity, dq), (motion.acceleration, ddq)):
+        np.testing.assert_array_equal(states[:200], expected)
+        np.testing.assert_array_equal(states[200:400], expected)
+
+
+def test_a_trajectory_that_was_found_is_followed(robot, found):
+    plain = robot.simulate(found, clean=True)
+    assert plain.duration == 2.0
+    # A PD controller of 12 Hz lags, but not by much.
+    error = np.abs(plain.q - found.trajectory.evaluate(plain.time)[0]).max()
+    assert error < 0.1 * np.ptp(plain.q)
+    assert plain.log.q is plain.q
+    assert plain.theta is None
+    again = robot.simulate(found.trajectory, clean=True)
+    np.testing.assert_array_equal(again.tau, plain.tau)
+
+
+def test_a_motion_is_scaled_about_its_centre_and_cut(robot, found):
+    rng = np.random.default_rng(0)
+    part = build_motion(robot.description, found.trajectory, rng, duration=0.5, scale=0.5)
+    assert part.duration == 0.5
+    times = np.linspace(0, 0.5, 7)
+    centre = found.coefficients[:, 0]
+    wide, narrow = (motion.evaluate(times) for motion in (found.trajectory, part))
+    np.testing.assert_allclose(narrow[0] - centre, 0.5 * (wide[0] - centre), atol=1e-12)
+    np.testing.assert_allclose(narrow[2], 0.5 * wide[2], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("call", "code"),
+    [
+        (lambda robot: robot.simulate("nowhere.csv"), "usage.trajectory"),
+        (lambda robot: robot.simulate(delay=0.01), "usage.rigid-sensors"),
+        (lambda robot: robot.excite(start=[0.0]), "usage.excitation"),
+        (lambda robot: robot.excite(stiffness=[1.0, 1.0]), "usage.excitation"),
+    ],
+)
+def test_what_does_not_fit_is_refused(robot, call, code):
+    with pytest.raises(UsageError) as caught:
+        call(robot)
+    assert {notice.code for notice in caught.value.notices} == {code}
+
+
+def test_files_under_a_wrong_ending_are_refused(robot, found, tmp_path):
+    for write in (found.save, robot.simulate(duration=0.1).save, symid.new_robot(robot="scara").save):
+        with pytest.raises(OutputError) as caught:
+            write(tmp_path / "wrong.txt")
+        assert caught.value.notices[0].code == "output.unknown-suffix"
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_study_takes_a_log_or_its_file(robot, tmp_path):
+    simulated = robot.simulate(duration=6)
+    of_log = robot.study_cutoff(simulated.log)
+    of_file = robot.study_cutoff(simulated.save(tmp_path / "log.npz"))
+    assert of_log.product.lines == of_file.product.lines
+    assert of_file.to_dict()["source"] == str(tmp_path / "log.npz")
+    assert "cut-off" in str(of_log)
+    assert repr(of_log) == "<Study cut-off of two_link>"
+
+
+def test_a_study_is_of_the_robot_with_its_settings():
+    """Workers get the robot itself: settings and friction count, not the file alone."""
+    plain = symid.load("two_link", friction="none").study_precision(seeds=2, jobs=1).product
+    assert plain.names == tuple(symid.load("two_link").base.names)

@@ -1,0 +1,58 @@
+"""Exports of robots and of fits in memory, read back by symid and by Pinocchio."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import symid
+from symid.api.export import export_fit
+from symid.errors import UsageError
+from symid.identification.storage import write_estimate
+from symid.parameters.base import find_base_parameters
+from symid.parameters.values import find_parameter_values
+from tests.estimates import build_estimate, fill_robot
+
+
+def list_values(robot):
+    """Return the values of base and friction parameters that a robot file states, by name."""
+    return dict(find_parameter_values(robot, find_base_parameters(robot)))
+
+
+def test_a_fit_in_memory_becomes_the_file_that_its_own_file_becomes(tmp_path):
+    robot = symid.load("two_link").description
+    truth = fill_robot(robot, seed=3)
+    estimate = build_estimate(truth)
+    found = export_fit(robot, estimate, tmp_path / "arm.toml")
+    assert (found.format, found.left_out, found.not_identified) == ("robot file", (), ())
+    values = list_values(symid.load(found.file).description)
+    assert values == pytest.approx({entry.name: entry.value for entry in estimate.parameters}, abs=1e-9)
+    stored = write_estimate(estimate, tmp_path / "fit.json")
+    again = export_fit(robot, stored, tmp_path / "again.toml")
+    assert again.file.read_bytes() == found.file.read_bytes()
+    assert str(found).endswith("arm.toml\nthe bodies have the base values exactly")
+    assert repr(found) == f"<ExportedFile robot file: {tmp_path / 'arm.toml'}>"
+
+
+def test_a_stated_robot_is_the_same_to_pinocchio(tmp_path):
+    robot = symid.load("two_link")
+    found = robot.export(tmp_path / "arm.urdf")
+    model = pin.buildModelFromUrdf(str(found.file))
+    total = sum(joint.inertial[9] for joint in robot.joints)
+    assert pin.computeTotalMass(model) == pytest.approx(total)
+    assert found.to_dict()["outcome"] == "stated"
+    with pytest.raises(UsageError, match="only a C header has a precision"):
+        robot.export(tmp_path / "arm.urdf", precision="float")
+
+
+def test_of_a_urdf_that_was_cut_only_what_was_read_is_written(tmp_path):
+    """Links beyond the cut keep no values in the file, which would otherwise belong to no joint."""
+    whole = symid.load("two_link").export(tmp_path / "whole.urdf")
+    model = pin.buildModelFromUrdf(str(whole.file))
+    tip = model.frames[model.getFrameId(model.names[1]) + 1].name
+    cut = symid.load(whole.file, tip=tip)
+    assert "robot.cut-off" in {notice.code for notice in cut.notices}
+    written = pin.buildModelFromUrdf(str(cut.export(tmp_path / "cut.urdf").file))
+    assert written.nq == 1
+    np.testing.assert_allclose(
+        written.inertias[1].toDynamicParameters(), model.inertias[1].toDynamicParameters()
+    )

@@ -1,0 +1,164 @@
+"""Fits of the API: the same numbers as the command line, from files and from memory."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+import symid
+from symid.cli.main import run
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return symid.load("two_link")
+
+
+@pytest.fixture(scope="module")
+def logs(robot, tmp_path_factory):
+    """Return the files of two logs of other motions."""
+    folder = tmp_path_factory.mktemp("logs")
+    return tuple(robot.simulate(seed=seed, duration=8.0).save(folder / f"{seed}.npz") for seed in (1, 2))
+
+
+@pytest.fixture(scope="module")
+def fit(robot, logs):
+    return robot.identify(logs[0], estimator="wls", cutoff=50.0)
+
+
+def call_json(capsys, *arguments):
+    capsys.readouterr()
+    code = run([*map(str, arguments), "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def test_a_fit_is_what_identify_prints_and_gives(capsys, fit, logs):
+    arguments = ("identify", "two_link", logs[0], "--estimator", "wls", "--cutoff", "50")
+    code, answer = call_json(capsys, *arguments)
+    assert code == 0
+    result = {name: value for name, value in answer["result"].items() if name != "file"}
+    assert result == json.loads(json.dumps(fit.to_dict()))
+    assert [entry["text"] for entry in answer["warnings"]] == [entry.text for entry in fit.notices]
+    assert run([*map(str, arguments), "-q"]) == 0
+    assert capsys.readouterr().out == f"{fit}\n"
+
+
+def test_parameters_are_found_by_name(fit, robot):
+    truth = robot.base.values
+    assert set(fit) == {*robot.base, *robot.base.friction}
+    assert all(abs(fit[name].value - truth[name]) < 5.0 * fit[name].std for name in robot.base)
+    assert fit.covariance.shape == (len(fit), len(fit))
+    assert np.sqrt(np.diag(fit.covariance)) == pytest.approx([fit[name].std for name in fit])
+    with pytest.raises(symid.UsageError) as caught:
+        fit["ZZ22"]
+    assert caught.value.notices[0].code == "usage.unknown-parameter"
+    assert "ZZ2" in str(caught.value)
+
+
+def test_a_fit_cannot_be_changed(fit):
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        fit.estimate = None
+    with pytest.raises(ValueError, match="read-only"):
+        fit.covariance[0, 0] = 1.0
+
+
+def test_files_logs_and_arrays_give_the_same_fit(robot, logs, fit):
+    log = symid.read_log(logs[0], robot)
+    read = robot.identify(log, estimator="wls", cutoff=50.0)
+    made = symid.build_log(robot, time=log.time, q=log.q, tau=log.tau)
+    built = robot.identify([made], estimator="wls", cutoff=50.0)
+    assert read.values == fit.values
+    assert built.values == fit.values
+
+
+def test_a_log_given_twice_is_refused(robot, logs):
+    with pytest.raises(symid.UsageError, match="same log"):
+        robot.identify([logs[0], symid.read_log(logs[0], robot)])
+    with pytest.raises(symid.UsageError) as caught:
+        robot.identify([])
+    assert caught.value.notices[0].code == "usage.no-log"
+
+
+def test_a_saved_fit_is_read_back_whole(fit, tmp_path, robot, logs):
+    path = fit.save(tmp_path / "fit.json")
+    read = symid.load_fit(path)
+    assert read.values == fit.values
+    assert read.estimate == fit.estimate
+    assert read.robot.name == robot.name
+    first, second = fit.validate(logs[1]), read.validate(logs[1])
+    assert first.mean_relative_percent == second.mean_relative_percent
+
+
+def test_a_validation_is_what_the_verb_says(capsys, fit, logs, tmp_path):
+    path = fit.save(tmp_path / "fit.json")
+    found = fit.validate(logs[1], gate=1e-3, band=20.0)
+    code, answer = call_json(capsys, "validate", "two_link", path, logs[1], "--gate", "1e-3", "--band", "20")
+    assert code == 1
+    assert not found.accepted
+    assert answer["result"] == json.loads(json.dumps(found.to_dict()))
+    assert [entry["code"] for entry in answer["errors"]] == ["validate.gate-missed"]
+    assert found.errors[0].text == answer["errors"][0]["text"]
+
+
+def test_the_residual_of_a_validation_is_measured_less_predicted(fit, logs):
+    found = fit.validate(logs[1])
+    for series, residual in zip(found.product.validation.series, found.residual, strict=True):
+        left = np.linalg.norm(series.measured - series.predicted)
+        assert residual.norm == pytest.approx(left, rel=1e-9)
+        assert residual.relative_percent == pytest.approx(
+            100.0 * left / np.linalg.norm(series.measured), rel=1e-9
+        )
+
+
+def test_figures_show_themselves_and_are_written(fit, logs, tmp_path):
+    figures = fit.validate(logs[1]).plot()
+    assert len(figures) == 2
+    svg = figures.save(tmp_path / "torques.svg").read_text(encoding="utf-8")
+    assert svg.startswith("<svg")
+    assert svg.count("<polyline") == 4
+    assert "<svg" in figures._repr_html_()
+    assert figures.save(tmp_path / "torques.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+    with pytest.raises(symid.UsageError, match=r"\.svg or \.html"):
+        figures.save(tmp_path / "torques.png")
+
+
+def test_a_notebook_sees_tables_and_notices(fit):
+    page = fit._repr_html_()
+    assert page.count("<table>") == 2
+    assert "ZZR1" in page
+    assert repr(fit) == f"<RigidFit {fit.summarise()}>"
+
+
+def test_a_prior_may_be_a_fit_or_its_file(fit, robot, logs, tmp_path):
+    path = fit.save(tmp_path / "fit.json")
+    options = {"estimator": "ridge", "prior_weight": 1.0}
+    first = robot.identify(logs[1], prior=fit, **options)
+    second = robot.identify(logs[1], prior=path, **options)
+    assert first.values == second.values
+    assert first.values != robot.identify(logs[1], **options).values
+
+
+def test_friction_with_a_known_rigid_part(fit, robot, logs):
+    laws = robot.identify_friction(logs[0], model="coulomb-viscous-offset", known=fit)
+    assert set(laws.joints) == {"shoulder", "elbow"}
+    assert laws.joints["elbow"].estimate.parameters[0].value == pytest.approx(fit["Fc2"].value, rel=0.02)
+    assert laws.validate(logs[1]).mean_relative_percent < 3.0
+    with pytest.raises(symid.EstimateError) as caught:
+        robot.identify_friction(logs[0], known=laws)
+    assert caught.value.notices[0].code == "estimate.kind"
+
+
+def test_a_report_of_a_fit_in_memory(fit, logs, tmp_path):
+    page = fit.report(tmp_path / "report.html", validation=logs[1], diagnose=True)
+    text = page.file.read_text(encoding="utf-8")
+    assert str(logs[1]) in text
+    assert "Deviations by block bootstrap" in text
+    assert page.diagnosis is not None
+
+
+def test_a_robot_that_is_not_known_by_name_is_asked_for(fit, tmp_path, logs):
+    other = dataclasses.replace(fit.estimate, robot="nobody")
+    path = dataclasses.replace(fit, estimate=other).save(tmp_path / "fit.json")
+    with pytest.raises(symid.UsageError, match="--robot"):
+        symid.load_fit(path).validate(logs[1])

@@ -1,0 +1,61 @@
+"""Payloads from fits in memory and from logs that were read, against the body that was added."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+import symid
+from symid.errors import UsageError
+from symid.robot.inertia import find_standard_parameters
+from tests.estimates import build_estimate
+
+MASS, CENTRE, INERTIA = 1.5, (0.03, -0.02, 0.09), (0.004, 0.0003, -0.0002, 0.005, 0.0001, 0.003)
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return symid.load("two_link")
+
+
+def carry(robot):
+    """Return the description of the robot with the payload in its last link frame."""
+    body = find_standard_parameters(MASS, CENTRE, INERTIA)
+    last = robot.joints[-1]
+    total = tuple(a + b for a, b in zip(last.inertial, body, strict=True))
+    return dataclasses.replace(robot, joints=(*robot.joints[:-1], dataclasses.replace(last, inertial=total)))
+
+
+def test_two_fits_in_memory_give_the_payload(robot, tmp_path):
+    loaded, empty = build_estimate(carry(robot.description)), build_estimate(robot.description)
+    found = robot.payload(loaded, empty)
+    assert (found.joint, found.mass) == ("elbow", pytest.approx(MASS))
+    # A planar arm shows neither where a body is along its axes nor its inertia about the others.
+    np.testing.assert_allclose(found.com, [CENTRE[0], CENTRE[1], np.nan], atol=1e-9)
+    inertia = np.full((3, 3), np.nan)
+    inertia[2, 2] = INERTIA[5]
+    np.testing.assert_allclose(found.inertia, inertia, atol=1e-9)
+    assert found["Jzz"].std > 0
+    assert "the robot cannot show it" in found["cz"].reason
+    assert [notice.code for notice in found.notices] == ["payload.refused"]
+    assert json.loads(found.save(tmp_path / "payload.json").read_text()) == json.loads(
+        json.dumps(found.to_dict())
+    )
+    assert repr(found) == "<PayloadResult two_link: 1.5 kg on the link of joint 'elbow'>"
+
+
+def test_a_known_mass_is_taken(robot):
+    loaded, empty = build_estimate(carry(robot.description)), build_estimate(robot.description)
+    found = robot.payload(loaded, empty, mass=MASS, joint="elbow")
+    assert found.mass == pytest.approx(MASS, rel=1e-14)
+    assert found["cx"].std < robot.payload(loaded, empty)["cx"].std
+
+
+def test_logs_that_were_read_give_the_payload(robot):
+    heavy = dataclasses.replace(robot, description=carry(robot.description))
+    sides = [[model.simulate(duration=8, seed=seed).log for seed in (1, 2)] for model in (heavy, robot)]
+    found = robot.payload(*sides)
+    assert abs(found.mass - MASS) < 4 * found["mass"].std < 0.1
+    with pytest.raises(UsageError, match="a fit is an estimate: give one alone, or logs alone"):
+        robot.payload([*sides[0], build_estimate(robot.description)], sides[1])

@@ -1,0 +1,143 @@
+"""`symid.load` and what a robot says of itself."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+import symid
+from symid.cli.main import run
+
+ROWS = """joint,alpha,a,theta,d,kind
+one,0,0,q,0,revolute
+two,0,0.5,q,0,revolute
+"""
+
+
+def test_a_robot_says_in_one_line_what_it_is():
+    robot = symid.load("two_link_elastic")
+    assert repr(robot).startswith("<RobotModel two_link_elastic: 2 joints, elastic, ")
+    assert [joint.name for joint in robot.joints] == ["shoulder", "elbow"]
+    assert robot.elastic
+
+
+def test_a_robot_cannot_be_changed():
+    robot = symid.load("two_link")
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        robot.backend = "python"
+    other = robot.override(settings={"processing.filter_cutoff": 12.5, "processing.automatic": False})
+    assert other.description.processing.filter_cutoff == 12.5
+    assert robot.description.processing.filter_cutoff != 12.5
+
+
+def test_settings_may_be_values_of_python():
+    settings = {
+        "log.position.columns": ["a", "b"],
+        "log.position.unit": "rad",
+        "processing.filter_cutoff": None,
+    }
+    robot = symid.load("two_link", settings=settings)
+    assert robot.description.log.position.columns == ("a", "b")
+    assert robot.description.processing.filter_cutoff is None
+
+
+def test_a_wrong_setting_is_refused_with_its_key():
+    with pytest.raises(symid.UsageError, match="processing"):
+        symid.load("two_link", settings={"procesing.filter_cutoff": 12})
+
+
+def test_names_of_shipped_robots_are_listed_and_load():
+    names = symid.list_robots()
+    assert {"panda", "two_link", "tx40"} <= set(names)
+    assert names == tuple(sorted(names))
+
+
+def test_an_unknown_robot_gets_the_nearest_names():
+    with pytest.raises(symid.UsageError, match="panda"):
+        symid.load("pando")
+
+
+def test_a_table_of_rows_wants_its_convention(tmp_path):
+    table = tmp_path / "arm.csv"
+    table.write_text(ROWS)
+    with pytest.raises(symid.UsageError) as caught:
+        symid.load(table)
+    assert caught.value.notices[0].code == "usage.convention"
+    with pytest.raises(symid.UsageError) as caught:
+        symid.load("two_link", convention="modified")
+    assert caught.value.notices[0].code == "usage.convention"
+
+
+def test_gravity_of_a_table_is_three_finite_numbers(tmp_path):
+    table = tmp_path / "arm.csv"
+    table.write_text(ROWS)
+    with pytest.raises(symid.UsageError) as caught:
+        symid.load(table, convention="modified", gravity=(0.0, float("nan"), -9.81))
+    assert caught.value.notices[0].code == "usage.gravity"
+
+
+def test_a_table_of_rows_is_the_robot_that_new_writes_from_it(tmp_path, capsys):
+    table, file = tmp_path / "arm.csv", tmp_path / "arm.toml"
+    table.write_text(ROWS)
+    call = ["new", str(file), "--from-dh", str(table), "--convention", "modified", "--gravity=0,-9.81,0"]
+    assert run(call) == 0
+    capsys.readouterr()
+    robot = symid.load(table, convention="modified", gravity=(0.0, -9.81, 0.0))
+    assert tuple(robot.base) == tuple(symid.load(file).base)
+    # Two joints about parallel axes, gravity across them: Khalil's planar arm.
+    assert tuple(robot.base) == ("ZZR1", "MXR1", "MY1", "ZZ2", "MX2", "MY2")
+
+
+def test_the_base_set_is_what_the_command_line_prints(capsys):
+    base = symid.load("two_link").base
+    assert run(["base", "two_link", "-q"]) == 0
+    assert capsys.readouterr().out == f"{base}\n"
+    assert run(["base", "two_link", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["result"] == json.loads(json.dumps(base.to_dict()))
+
+
+def test_a_base_parameter_is_explained_and_an_eliminated_one_too():
+    base = symid.load("two_link").base
+    assert base.count == len(base) == 6
+    assert "0.25*M2" in base.explain("ZZR1")
+    assert "eliminated" in base.explain("M2")
+    with pytest.raises(symid.UsageError) as caught:
+        base["ZZ1"]
+    assert caught.value.notices[0].code == "usage.unknown-parameter"
+    with pytest.raises(symid.UsageError, match="ZZR1"):
+        base.explain("ZZR11")
+
+
+def test_values_of_the_base_set_are_the_groups_of_those_of_the_links():
+    robot = symid.load("two_link")
+    first, second = (joint.inertial for joint in robot.description.joints)
+    values = robot.base.values
+    # ZZ about the link frame's origin stands sixth, the mass last; joint 2 is 0.5 m from joint 1.
+    assert values["ZZR1"] == pytest.approx(first[5] + 0.5**2 * second[9], rel=1e-12)
+    assert values["ZZ2"] == pytest.approx(second[5], rel=1e-12)
+
+
+def test_formulas_of_the_base_set_are_latex():
+    text = symid.load("two_link").base._repr_latex_()
+    assert text.startswith("$$")
+    assert r"ZZR_{1} &= ZZ_{1} + \frac{M_{2}}{4}" in text
+
+
+def test_other_forms_hold_less():
+    robot = symid.load("two_link")
+    assert set(robot.find_base("gravity")) < set(robot.base)
+    assert robot.find_base("torque") is robot.base
+
+
+def test_the_library_computes_on_the_backend_that_was_asked_for():
+    robot = symid.load("two_link")
+    state = [np.array([0.3, -0.7]), np.array([1.0, 2.0]), np.array([0.5, -0.5])]
+    beta = np.array([robot.base.values[name] for name in robot.base])
+    found = {}
+    for backend in ("c", "python", "casadi"):
+        library = robot.override(backend=backend).library
+        assert library.backend == backend
+        (found[backend],) = library.evaluate("inverse_dynamics", *state, beta)
+    assert found["python"] == pytest.approx(found["c"], rel=1e-12)
+    assert found["casadi"] == pytest.approx(found["c"], rel=1e-12)
