@@ -92,7 +92,7 @@ def test_generate_says_when_there_is_no_compiler(capsys, tmp_path, monkeypatch):
 
 
 def test_generate_fails_when_the_selftest_does(capsys, tmp_path, monkeypatch):
-    write = "symid.codegen.writer.write_sources"
+    write = "symid.codegen.generation.write_sources"
     (tmp_path / "code").mkdir()
     (tmp_path / "code" / "module.py").write_text("raise SystemExit(1)\n")
     monkeypatch.setattr(write, lambda *_args, **_options: ())

@@ -1,0 +1,34 @@
+"""Exact functions of the catalogue: what is refused, and how."""
+
+import pytest
+
+import symid
+
+
+def find_code(call):
+    with pytest.raises(symid.UsageError) as caught:
+        call()
+    return caught.value.notices[0].code
+
+
+def test_several_outputs_are_taken_by_name():
+    energy = symid.load("two_link").sympy("energy")
+    assert find_code(lambda: energy.expr) == "usage.several-outputs"
+    assert {str(symbol) for symbol in energy["V"].atoms() if symbol.is_Symbol} <= {
+        *("q1", "q2"),
+        *("ZZR1", "MXR1", "MY1", "ZZ2", "MX2", "MY2"),
+    }
+
+
+def test_formulas_too_long_to_read_are_not_printed():
+    dynamics = symid.load("panda").sympy("forward_dynamics")
+    assert find_code(dynamics.latex) == "usage.too-long"
+    assert dynamics._repr_latex_() is None
+
+
+def test_an_unknown_function_gets_the_nearest_name():
+    robot = symid.load("two_link")
+    with pytest.raises(symid.UsageError, match="mass_matrix"):
+        robot.sympy("mass_matrx")
+    with pytest.raises(symid.UsageError, match="mass_matrix"):
+        robot.casadi("mass_matrx")
