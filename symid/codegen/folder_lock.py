@@ -24,6 +24,7 @@ __all__ = ["lock_folder"]
 
 _PATIENCE = 1.0
 _STEP = 0.05
+_TRIES = 100
 
 
 def _make_parents(folder: Path) -> list[Path]:
@@ -35,7 +36,8 @@ def _make_parents(folder: Path) -> list[Path]:
 
 def _open(path: Path, folder: Path, made: list[Path]) -> int | None:
     """Open what is to be locked, its parents made if need be; nothing where that cannot be."""
-    while True:
+    # Some file systems, such as /proc, make nothing and say that the parent is missing, ever again.
+    for _ in range(_TRIES):
         try:
             made += _make_parents(folder)
             # For reading, which is enough for a lock: it may be another user's.

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import pytest
 
@@ -125,3 +126,11 @@ def test_a_file_in_the_place_of_a_parent_is_left_to_the_writer(tmp_path):
     for folder in (tmp_path / "file" / "out", tmp_path / "file" / "deep" / "out"):
         with lock_folder(folder, lambda: None):
             assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.skipif(
+    not Path("/proc/self").is_dir(), reason="wants a file system in which nothing can be made"
+)
+def test_where_no_file_can_be_made_nobody_waits():
+    with lock_folder(Path("/proc/no-such-folder"), lambda: None):
+        pass
