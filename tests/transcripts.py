@@ -1,11 +1,11 @@
 """Pages whose commands and answers are a transcript: run again, compared, and written anew.
 
 A block ```sh holds one command, or a block ```python a script; the block ```text right behind it all that it
-prints. Run as a script with the page, the folder of its files, and that of its scripts if it has some, it
+prints. Run with the page, the folder of its files, and its scripts in their order, this module
 writes the scripts and the answers of this machine into the page:
 
     PYTHONPATH=. python tests/transcripts.py docs/own_robot.md docs/own_robot
-    PYTHONPATH=. python tests/transcripts.py docs/api/scripts.md docs/own_robot docs/api
+    PYTHONPATH=. python tests/transcripts.py docs/api/scripts.md docs/own_robot docs/api/[0-9]*.py
 """
 
 import os
@@ -35,11 +35,6 @@ def list_steps(page: str) -> list[tuple[str, str]]:
 def list_scripts(page: str) -> list[tuple[str, str]]:
     """Return scripts and their answers."""
     return [(step["script"], step["answer"]) for step in SCRIPT.finditer(page)]
-
-
-def find_scripts(folder: Path) -> list[Path]:
-    """Return the scripts of a page: those whose names begin with a number."""
-    return sorted(folder.glob("[0-9][0-9]_*.py"))
 
 
 def run_step(command: str, folder: Path, cache: Path) -> tuple[int, str]:
@@ -95,10 +90,10 @@ def _find_step(number: str) -> float:
     return 1.0001 * max(10.0 ** (int(exponent or 0) - places), 1e-8 * abs(float(number)))
 
 
-def write_page(path: Path, files: Path, scripts: Path | None = None) -> None:
+def write_page(path: Path, files: Path, *scripts: Path) -> None:
     """Write what the commands and scripts of a page print now into the page."""
     page = path.read_text(encoding="utf-8")
-    waiting = iter(find_scripts(scripts) if scripts else ())
+    waiting = iter(scripts)
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "work"
         shutil.copytree(files, folder)
@@ -110,7 +105,8 @@ def write_page(path: Path, files: Path, scripts: Path | None = None) -> None:
 
         def show(_: re.Match[str]) -> str:
             script = next(waiting)
-            _, found = run_python([str(script.resolve())], folder, Path(scratch) / "cache")
+            code, found = run_python([str(script.resolve())], folder, Path(scratch) / "cache")
+            assert code == 0, found
             return f"```python\n{script.read_text(encoding='utf-8')}```\n\n```text\n{found}```"
 
         page = SCRIPT.sub(show, STEP.sub(answer, page))

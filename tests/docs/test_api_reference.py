@@ -1,0 +1,102 @@
+"""The reference of the Python API: every public name is described, with an example that runs."""
+
+import dataclasses
+import doctest
+import inspect
+import re
+
+import pytest
+
+import symid
+
+NAMES = [name for name in symid.__all__ if name != "__version__"]
+CLASSES = [name for name in NAMES if inspect.isclass(getattr(symid, name))]
+ERRORS = [name for name in CLASSES if issubclass(getattr(symid, name), Exception)]
+
+
+def list_members(name):
+    """Return the public functions and properties that a class brings, with their names."""
+    owner = getattr(symid, name)
+    found = {
+        f"{name}.{key}": value.fget if isinstance(value, property) else getattr(value, "func", value)
+        for kind in reversed(owner.__mro__)
+        if kind.__module__.startswith("symid.")
+        for key, value in vars(kind).items()
+        if not key.startswith("_") and key not in vars(kind).get("__dataclass_fields__", ())
+    }
+    return {key: value for key, value in found.items() if inspect.isfunction(value)}
+
+
+PLAIN = {name: getattr(symid, name) for name in NAMES if name not in CLASSES}
+MEMBERS = {key: value for name in CLASSES for key, value in list_members(name).items()}
+FUNCTIONS = PLAIN | MEMBERS
+
+
+def find_undescribed(function):
+    """Return the parameters that the docstring says nothing of."""
+    text = inspect.getdoc(function) or ""
+    named = [name for name in inspect.signature(function).parameters if name not in {"self", "cls"}]
+    return [name for name in named if not re.search(rf"^ +{name}: |`{name}`", text, re.MULTILINE)]
+
+
+@pytest.mark.parametrize("name", [*CLASSES, *FUNCTIONS])
+def test_one_line_says_what_it_is(name):
+    text = inspect.getdoc(FUNCTIONS.get(name) or getattr(symid, name))
+    assert text
+    first, *rest = text.splitlines()
+    assert first.endswith(".")
+    assert rest[:1] in ([], [""])
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_every_argument_is_described(name):
+    assert find_undescribed(FUNCTIONS[name]) == []
+
+
+def test_arguments_that_are_not_described_are_found():
+    def turn(angle, speed=1.0):
+        """Turn by `angle`."""
+
+    assert find_undescribed(turn) == ["speed"]
+
+
+@pytest.mark.parametrize("name", [name for name in CLASSES if name not in ERRORS])
+def test_every_field_is_described(name):
+    owner = getattr(symid, name)
+    if not dataclasses.is_dataclass(owner):
+        return
+    text = "".join(inspect.getdoc(kind) or "" for kind in owner.__mro__ if kind is not object)
+    fields = [field.name for field in dataclasses.fields(owner) if not field.name.startswith("_")]
+    assert [name for name in fields if not re.search(rf"^ +{name}: |`{name}`", text, re.MULTILINE)] == []
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_name_has_an_example(name):
+    # Errors are caught alike.
+    owner = symid.SymidError if name in ERRORS else getattr(symid, name)
+    assert doctest.DocTestParser().get_examples(inspect.getdoc(owner))
+
+
+WITH_EXAMPLES = [name for name in [*CLASSES, *FUNCTIONS] if name not in ERRORS or name == "SymidError"]
+EXAMPLES = {}
+for each in WITH_EXAMPLES:
+    # Inherited methods have the examples of their class.
+    said = inspect.getdoc(FUNCTIONS.get(each) or getattr(symid, each)) or ""
+    if ">>>" in said and said not in EXAMPLES.values():
+        EXAMPLES[each] = said
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_examples_run(name, tmp_path, monkeypatch, c_compiler):
+    assert c_compiler
+    monkeypatch.chdir(tmp_path)
+    example = doctest.DocTestParser().get_doctest(EXAMPLES[name], {}, name, None, 0)
+    said = []
+    doctest.DocTestRunner(optionflags=doctest.IGNORE_EXCEPTION_DETAIL).run(example, out=said.append)
+    assert not said, "".join(said)
+
+
+def test_the_page_lists_every_name(project):
+    page = (project / "docs" / "api" / "reference.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\.\. auto(?:class|function|exception):: symid\.(\w+)$", page, re.MULTILINE)
+    assert sorted(listed) == sorted(NAMES)

@@ -1,0 +1,82 @@
+"""The pages with scripts: they are those beside them, and print what the pages show."""
+
+import ast
+import os
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+import symid
+from tests.transcripts import compare, list_scripts, run_python
+
+PROJECT = Path(__file__).resolve().parents[2]
+FOLDER = PROJECT / "docs" / "api"
+SHORT = sorted(FOLDER.glob("[0-9]*.py"))
+PAGES = {
+    "scripts.md": SHORT,
+    "optimal_control.md": [FOLDER / "optimal_control.py", FOLDER / "springs.py"],
+}
+"""The scripts of every page, in its order."""
+STEPS = [(script, page, number) for page, scripts in PAGES.items() for number, script in enumerate(scripts)]
+MOST_LINES = 10
+BLOCK = re.compile(r"^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+
+
+def read_steps(page):
+    return list_scripts((FOLDER / page).read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_a_page_shows_its_scripts(page):
+    assert [script for script, _ in read_steps(page)] == [path.read_text("utf-8") for path in PAGES[page]]
+    assert len(PAGES[page]) == (FOLDER / page).read_text(encoding="utf-8").count("```python")
+
+
+def test_there_are_twelve_short_ones():
+    assert [int(path.name[:2]) for path in SHORT] == list(range(1, 13))
+
+
+@pytest.mark.parametrize("path", SHORT, ids=lambda path: path.stem)
+def test_scripts_are_short(path):
+    text = path.read_text(encoding="utf-8")
+    docstring = ast.parse(text).body[0]
+    code = text.splitlines()[docstring.end_lineno :]
+    assert 0 < len([line for line in code if line.strip()]) <= MOST_LINES
+
+
+@pytest.mark.parametrize(("script", "page", "number"), STEPS, ids=[script.stem for script, *_ in STEPS])
+def test_scripts_print_what_the_page_shows(script, page, number, tmp_path, c_compiler):
+    assert c_compiler
+    for file in (PROJECT / "docs" / "own_robot").iterdir():
+        shutil.copy(file, tmp_path)
+    code, found = run_python([str(script)], tmp_path, Path(os.environ["XDG_CACHE_HOME"]))
+    assert code == 0, found
+    assert not compare(read_steps(page)[number][1], found), found
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/api/index.md"])
+def test_short_blocks_run(page, tmp_path, c_compiler):
+    assert c_compiler
+    for file in (PROJECT / "docs" / "own_robot").iterdir():
+        shutil.copy(file, tmp_path)
+    draft = symid.new_robot(
+        urdf=tmp_path / "arm.urdf",
+        log=tmp_path / "training.csv",
+        friction="viscous_coulomb_offset",
+        rotors=True,
+        torque_constant=[0.11, 0.11, 0.062],
+    )
+    draft.save(tmp_path / "arm.toml")
+    (block,) = BLOCK.findall((PROJECT / page).read_text(encoding="utf-8"))
+    code, found = run_python(["-c", block], tmp_path, Path(os.environ["XDG_CACHE_HOME"]))
+    assert code == 0, found
+    assert "MXR2" in found
+    assert (tmp_path / "arm_identified.urdf").exists()
+
+
+def test_a_wrong_page_is_found():
+    assert compare("MX2 = 0.1738 kg m", "MX2 = 0.1741 kg m")
+    assert compare("accepted", "refused")
+    assert not compare("MX2 = 0.1738 kg m", "MX2 = 0.1739 kg m")

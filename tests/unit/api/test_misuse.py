@@ -1,0 +1,134 @@
+"""Calls that only Python can make: numbers of NumPy, logs in memory, options that have no meaning."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+
+import symid
+from symid.elastic.options import ElasticOptions
+from symid.json_text import write_json
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return symid.load("two_link")
+
+
+@pytest.fixture(scope="module")
+def log(robot):
+    return robot.simulate(seed=1, duration=5.0).log
+
+
+@pytest.fixture(scope="module")
+def fit(robot, log):
+    return robot.identify(log)
+
+
+def find_code(call, error=symid.UsageError):
+    with pytest.raises(error) as caught:
+        call()
+    return caught.value.notices[0].code
+
+
+def test_numbers_of_numpy_are_numbers(robot, log, tmp_path):
+    plain = robot.identify(log, rows="momentum", window=0.5, cutoff=40.0, decimate=2)
+    other = robot.identify(
+        log, rows="momentum", window=np.float32(0.5), cutoff=np.float32(40.0), decimate=np.int64(2)
+    )
+    assert other.settings["window"] == plain.settings["window"] == 0.5
+    assert other.values == plain.values
+    ridge = robot.identify(log, estimator="ridge", prior_weight=np.float32(1.0))
+    assert ridge.save(tmp_path / "ridge.json").exists()
+    for period in (np.int64(2), np.float32(2.0), np.array([2.0])):
+        assert find_code(lambda period=period: robot.identify(log, period=period)) == "usage.mixed-options"
+    law = robot.identify_friction(log, model="coulomb-viscous", smoothing=np.float32(0.01))
+    assert law.save(tmp_path / "law.json").exists()
+    assert write_json(robot.simulate(duration=np.float32(0.5), seed=np.int64(3)).to_dict())
+    assert write_json({"x": np.float32(0.5), "y": np.bool_(1)}) == write_json({"x": 0.5, "y": True})
+
+
+def test_the_same_samples_are_not_counted_twice(robot, log):
+    copied = symid.build_log(robot, time=log.time, q=log.q, tau=log.tau, source="copy")
+    for logs in ([log, log], [log, copied]):
+        assert find_code(lambda logs=logs: robot.identify(logs)) == "usage.same-log"
+        assert find_code(lambda logs=logs: robot.payload(logs, log)) == "usage.same-log"
+
+
+def test_a_log_of_another_robot_is_refused(fit, log):
+    panda = symid.load("panda")
+    for call in (panda.identify, panda.check):
+        assert find_code(lambda call=call: call(log), symid.LogError) == "log.joints"
+    zeros = np.zeros((100, 7))
+    strange = symid.build_log(panda, time=np.arange(100.0), q=zeros, tau=zeros)
+    assert find_code(lambda: fit.validate(strange), symid.LogError) == "log.joints"
+
+
+def test_one_log_is_tried_at_a_time(robot, fit, log):
+    for logs in ([log, log], []):
+        assert find_code(lambda logs=logs: fit.validate(logs)) == "usage.one-log"
+        assert find_code(lambda logs=logs: robot.study_cutoff(logs)) == "usage.one-log"
+
+
+def test_how_a_log_is_read_is_said_before_it_is_read(robot, fit, log, tmp_path):
+    settings = {"log.torque.factor": 2.0}
+    for call in (
+        lambda: robot.identify(log, settings=settings),
+        lambda: fit.validate(log, settings=settings),
+        lambda: fit.report(tmp_path / "page.html", validation=log, settings=settings),
+    ):
+        assert find_code(call) == "usage.read-before"
+
+
+def test_options_without_a_meaning_are_refused(robot, fit, log, tmp_path):
+    assert find_code(lambda: robot.identify(log, elastic=ElasticOptions())) == "usage.mixed-options"
+    page = tmp_path / "page.html"
+    unread = {"processing.filter_cutoff": 20}
+    assert find_code(lambda: fit.report(page, settings=unread)) == "usage.no-validation"
+    assert find_code(fit.compare) == "usage.no-other"
+    assert find_code(lambda: robot.write("python", tmp_path / "code", functions=[])) == "usage.functions"
+    assert not page.exists()
+
+
+@pytest.mark.parametrize(
+    ("call", "code"),
+    [
+        (lambda robot, _: robot.identify("nowhere.csv", estimator="lasso"), "usage.unknown-estimator"),
+        (lambda robot, log: robot.identify(log, estimator="ridge", prior_weight=-1.0), "usage.prior"),
+        (lambda robot, log: robot.identify(log, estimator="ridge", prior_deviation=0.0), "usage.prior"),
+        (
+            lambda robot, log: robot.identify_friction(log, model="coulomb", smoothing=-1.0),
+            "usage.friction-smoothing",
+        ),
+        (lambda robot, _: robot.simulate(duration=-1.0), "usage.trajectory"),
+        (lambda robot, _: robot.find_base("power"), "usage.base-form"),
+        (lambda robot, _: robot.export("two_link.h", precision="half"), "usage.export-precision"),
+        (lambda _, __: ElasticOptions(stops=2.5), "usage.elastic-option"),
+    ],
+)
+def test_values_out_of_range_are_refused(robot, log, call, code):
+    assert find_code(lambda: call(robot, log)) == code
+
+
+def test_arrays_that_hold_no_numbers_are_refused(robot):
+    times = ["now", "later"]
+    wrong = (lambda: symid.build_log(robot, time=times, q=[[0, 0]] * 2, tau=[[0, 0]] * 2), symid.LogError)
+    assert find_code(*wrong) == "log.arrays"
+
+
+def test_what_made_a_log_may_be_any_text(robot, log):
+    made = symid.build_log(robot, time=log.time, q=log.q, tau=log.tau, source="x" * 300)
+    assert robot.identify(made).sources == ("x" * 300,)
+
+
+def test_a_fit_to_a_log_in_memory_cannot_be_diagnosed(fit):
+    assert find_code(fit.diagnose, symid.LogError) == "diagnosis.no-file"
+
+
+def test_robots_and_fits_are_copied_and_pickled_after_use(robot, fit, log):
+    assert robot.library.backend
+    for again in (copy.deepcopy(fit), pickle.loads(pickle.dumps(fit))):  # noqa: S301  our own bytes
+        assert again.values == fit.values
+        assert again.validate(log).mean_relative_percent == fit.validate(log).mean_relative_percent
+    assert pickle.loads(pickle.dumps(robot)).library.backend == robot.library.backend  # noqa: S301
