@@ -141,11 +141,13 @@ __all__ = [
 __version__ = "0.1.0"
 
 
-def __getattr__(name: str) -> object:
-    if name not in _PLACES:
-        message = f"module 'symid' has no attribute {name!r}; it offers {', '.join(__all__)}"
-        raise AttributeError(message)
-    return getattr(import_module(f"symid.{_PLACES[name]}"), name)
+if not TYPE_CHECKING:  # for type checkers a name that is not imported above is a mistake
+
+    def __getattr__(name: str) -> object:
+        if name not in _PLACES:
+            message = f"module 'symid' has no attribute {name!r}; it offers {', '.join(__all__)}"
+            raise AttributeError(message)
+        return getattr(import_module(f"symid.{_PLACES[name]}"), name)
 
 
 def __dir__() -> list[str]:

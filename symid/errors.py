@@ -79,8 +79,17 @@ NOTES = frozenset(
 class Notice:
     """One thing to tell: what, where, what was found, what is allowed, what to do.
 
-    `code` is stable and made for programs, as in "robot.unknown-key"; `line` and
-    `column` count from one, zero means that there is no such place.
+    Attributes:
+        code: stable and made for programs, as in "robot.unknown-key".
+        text: for people.
+        file: what it is about; empty where that is no file.
+        line: counted from one, zero where there is no such place.
+        column: likewise.
+
+    Example:
+        >>> import symid
+        >>> print(symid.Notice(code="log.time", text="time does not increase", file="log.csv", line=7))
+        log.csv:7: time does not increase
     """
 
     code: str
@@ -105,7 +114,16 @@ class Notice:
 
 
 class SymidError(Exception):
-    """The root of all errors that symid raises on purpose."""
+    """The root of all errors that symid raises on purpose.
+
+    Example:
+        >>> import symid
+        >>> try:
+        ...     symid.load("pand")
+        ... except symid.SymidError as error:
+        ...     error.notices[0].code
+        'usage.unknown-robot'
+    """
 
     exit_code: ClassVar[int] = 70
 

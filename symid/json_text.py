@@ -1,6 +1,6 @@
 """Results as JSON text: plain types in, the same text for the same value.
 
-Input: None, booleans, numbers, strings, paths, mappings, tuples and lists. Output: JSON.
+Input: None, booleans, numbers (NumPy's too), strings, paths, mappings, tuples and lists. Output: JSON.
 
 Supported: numbers that are not finite become null, which JSON has; keys become strings.
 Not supported: any other object (TypeError).
@@ -36,5 +36,8 @@ def _simplify(value: object) -> object:
             return {str(key): _simplify(entry) for key, entry in value.items()}
         case tuple() | list():
             return [_simplify(entry) for entry in value]
+    # A number of NumPy, which an option of the Python API may be.
+    if hasattr(value, "tolist") and getattr(value, "shape", None) == ():
+        return _simplify(value.tolist())
     message = f"no JSON for {type(value).__name__}"
     raise TypeError(message)

@@ -29,6 +29,16 @@ class BaseSet(Result):
         robot: the robot.
         form: what was looked at: "torque", "energy", "momentum" or "gravity" (torques at rest).
         product: names, groupings, reasons, and the exact null space.
+
+    Example:
+        >>> import symid
+        >>> base = symid.load("two_link").base
+        >>> list(base)
+        ['ZZR1', 'MXR1', 'MY1', 'ZZ2', 'MX2', 'MY2']
+        >>> base["MXR1"].expression
+        'MX1 + 0.5*M2'
+        >>> round(base.values["MXR1"], 3)
+        1.638
     """
 
     robot: "Robot"
@@ -89,6 +99,9 @@ class BaseSet(Result):
     def explain(self, name: str) -> str:
         """Return what a parameter groups and why, or why it has no effect and was eliminated.
 
+        Args:
+            name: of a base, friction or standard parameter, such as "MXR1" or "YY2".
+
         Raises:
             UsageError: the robot has no such parameter.
         """
@@ -108,6 +121,11 @@ class BaseSet(Result):
 
         return show_base(self.robot, self.product)
 
+    def _tabulate(self) -> "tuple[Block, ...]":
+        from symid.report.base_text import tabulate_base
+
+        return tabulate_base(self.robot, self.product)
+
     def to_dict(self) -> dict[str, object]:
         """Return names, expressions, reasons, values and the null space in plain types."""
         from symid.report.base_text import describe_base
@@ -122,7 +140,14 @@ class BaseSet(Result):
 
 
 def find_base_set(robot: "Robot", form: BaseForm = "torque") -> BaseSet:
-    """Return the base parameters of `robot`; see `BaseSet`."""
-    from symid.parameters.base import find_base_parameters
+    """Return the base parameters of `robot`; see `BaseSet`.
 
+    Raises:
+        UsageError: there is no such form.
+    """
+    from symid.parameters.base import FORMS, find_base_parameters
+
+    if form not in FORMS:
+        text = f"there is no form {form!r}; allowed are {', '.join(FORMS)}"
+        raise UsageError(Notice(code="usage.base-form", text=text))
     return BaseSet(robot=robot, form=form, product=find_base_parameters(robot, form=form))

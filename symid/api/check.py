@@ -32,6 +32,13 @@ class RobotCheck(Result):
     Attributes:
         robot: the robot, whose file has no mistakes.
         product: what was found in the logs.
+
+    Example:
+        >>> import symid
+        >>> robot = symid.load("two_link")
+        >>> found = robot.check(robot.simulate(duration=4.0, seed=1).log)
+        >>> found.accepted, found.excitation.rank
+        (True, 12)
     """
 
     robot: "Robot"

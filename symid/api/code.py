@@ -58,6 +58,14 @@ class WrittenCode(Result):
     Attributes:
         robot: the robot.
         product: the folder, its manifest, and what its self-test said.
+
+    Example:
+        >>> import symid
+        >>> written = symid.load("two_link").write("python", "gravity_only", functions=["gravity"])
+        >>> written.operations["gravity"]["trig"]
+        4
+        >>> written.selftest
+        'passed'
     """
 
     robot: "Robot"
@@ -131,7 +139,7 @@ def write_code(
     from symid.codegen.options import GenerateOptions
 
     order = CodeOrder(
-        names=tuple(functions) if functions else None,
+        names=None if functions is None else tuple(functions),
         target=target,
         parameters=parameters,
         constant=constant,
@@ -209,7 +217,16 @@ class _Function:
 
 @final
 class RobotFunction(_Function):
-    """A function with one output, ready to call."""
+    """A function with one output, ready to call.
+
+    Example:
+        >>> import symid
+        >>> lib = symid.load("two_link").compile()
+        >>> lib.mass_matrix
+        <mass_matrix(q[2], beta[6]) -> M[2, 2]: joint-space mass matrix, rotor inertias included>
+        >>> lib.mass_matrix([0.0, 0.0], lib.beta).round(3).tolist()
+        [[1.103, 0.244], [0.244, 0.081]]
+    """
 
     __slots__ = ()
 
@@ -229,7 +246,17 @@ class RobotFunction(_Function):
 
 @final
 class TupleFunction(_Function):
-    """A function with several outputs, ready to call."""
+    """A function with several outputs, ready to call.
+
+    Example:
+        >>> import symid
+        >>> lib = symid.load("two_link").compile()
+        >>> energy = lib.energy([0.0, 0.0], [1.0, 0.0], lib.beta)
+        >>> energy.names
+        ('T', 'V')
+        >>> energy.T.shape, energy.T.round(2).tolist()
+        ((1,), [0.55])
+    """
 
     __slots__ = ()
 
@@ -254,6 +281,16 @@ class CompiledModel:
 
     Attributes:
         library: what computes them, as identification and simulation use it.
+
+    Example:
+        >>> import symid
+        >>> lib = symid.load("two_link").compile()
+        >>> lib.functions[:3]
+        ('forward_kinematics', 'jacobian', 'mass_matrix')
+        >>> lib.gravity([0.1, 0.2], lib.beta).shape
+        (2,)
+        >>> lib.gravity([[0.1, 0.2]] * 1000, lib.beta).shape
+        (1000, 2)
     """
 
     forward_kinematics: TupleFunction

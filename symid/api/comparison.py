@@ -36,6 +36,14 @@ class Comparison(Result):
         ours: the estimate.
         found: one entry for every other, with all that was found.
         gate: the largest acceptable difference in standard deviations; None for none.
+
+    Example:
+        >>> import symid
+        >>> robot = symid.load("two_link")
+        >>> first, second = (robot.identify(robot.simulate(duration=5.0, seed=seed).log) for seed in (1, 2))
+        >>> found = first.compare(second)
+        >>> found.judged, found.largest < 6.0
+        (12, True)
     """
 
     ours: "EstimateSide"
@@ -140,7 +148,7 @@ def compare_fit(
         progress: told what begins.
 
     Raises:
-        UsageError: a file is given twice, or options for tables do not fit.
+        UsageError: no other is given, or a file twice, or options for tables do not fit.
         EstimateError: a file cannot be read, is of another model, or has nothing in common.
     """
     from symid.formats.value_table import TableColumns
@@ -148,6 +156,9 @@ def compare_fit(
     from symid.tasks.compared_side import build_side
     from symid.tasks.identified import find_estimate
 
+    if not others:
+        text = "nothing to compare with was given: name a fit, its file, or a table"
+        raise UsageError(Notice(code="usage.no-other", text=text))
     files = [Path(entry) for entry in others if isinstance(entry, str | PathLike)]
     ours_file = [Path(estimate)] if isinstance(estimate, str | PathLike) else []
     check_files((*ours_file, *files), getattr(estimate, "file", None))

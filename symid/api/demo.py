@@ -53,6 +53,12 @@ class DemoResult(Result):
         folder: with code, logs, estimate.json, identified.toml and report.html.
         files: of C.
         built: how the C was tested, in words.
+
+    Example:
+        >>> import symid
+        >>> result = symid.demo("demo")  # doctest: +SKIP
+        >>> result.report  # doctest: +SKIP
+        PosixPath('demo/report.html')
     """
 
     robot: RobotModel

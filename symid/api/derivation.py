@@ -28,6 +28,12 @@ class Derivation(Result):
         steps: each a title, a sentence, formulas in text and LaTeX, and what was checked.
         operations: of every function and every route that gives it; `chosen` is the one that is written.
         latex: whether it is printed with formulas in LaTeX.
+
+    Example:
+        >>> import symid
+        >>> lesson = symid.load("emps").derivation()
+        >>> [step.title for step in lesson.steps]
+        ['Frames', 'Velocities', 'Energy', 'Base parameters', 'Torques']
     """
 
     robot: "Robot"

@@ -23,6 +23,12 @@ class Doctor(Result):
 
     Attributes:
         findings: Python, packages, compiler, calls of compiled code, make, cache, shared files.
+
+    Example:
+        >>> import symid
+        >>> found = symid.doctor()
+        >>> found.findings[0].name
+        'python'
     """
 
     findings: "tuple[Finding, ...]"

@@ -42,6 +42,15 @@ class ExcitedTrajectory(Result):
         robot: that it moves.
         product: the trajectory, its figures, what the search found from every start.
         seed: of the random series that the search started from.
+
+    Example:
+        >>> import symid
+        >>> robot = symid.load("two_link")
+        >>> found = robot.excite(harmonics=2, period=2.0, candidates=20, starts=1)
+        >>> found.coefficients.shape
+        (2, 5)
+        >>> robot.simulate(found.save("motion.csv", rate=100)).duration
+        2.0
     """
 
     robot: "Robot"
@@ -98,7 +107,7 @@ class ExcitedTrajectory(Result):
         return file
 
     def count_samples(self, *, rate: float = 1000.0, periods: int = 1) -> int:
-        """Return how many samples `save` writes, the last state included."""
+        """Return how many samples `save` writes with this `rate` in Hz and these `periods`."""
         return round(self.trajectory.duration * rate) * periods + 1
 
     def summarise(self) -> str:

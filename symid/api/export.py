@@ -29,6 +29,12 @@ class ExportedFile(Result):
 
     Attributes:
         product: what was written, with the bodies or the friction that were found.
+
+    Example:
+        >>> import symid
+        >>> written = symid.load("two_link").export("two_link.xml")
+        >>> written.format, written.file.name
+        ('MJCF model', 'two_link.xml')
     """
 
     product: "FileExport"

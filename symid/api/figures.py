@@ -17,7 +17,19 @@ __all__ = ["Figures"]
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Figures:
-    """Figures, each an SVG with a caption."""
+    """Figures, each an SVG with a caption.
+
+    Attributes:
+        drawings: each with its `svg` and its `caption`.
+
+    Example:
+        >>> import symid
+        >>> robot = symid.load("two_link")
+        >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
+        >>> figures = fit.validate(robot.simulate("tc", duration=5.0, seed=2).log).plot()
+        >>> len(figures), figures.save("torques.svg").name
+        (2, 'torques.svg')
+    """
 
     drawings: "tuple[Drawing, ...]"
 

@@ -13,9 +13,10 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, final
+from typing import TYPE_CHECKING, final
 
-from symid.api.log import LogLike, Logs, list_logs
+from symid.api.figures import Figures
+from symid.api.log import LogLike, Logs, find_log, list_logs
 from symid.api.report import FitPage
 from symid.api.result import Progress, Result, ignore
 from symid.api.robot import RobotModel, Settings, list_pairs, load
@@ -34,26 +35,10 @@ if TYPE_CHECKING:  # these load NumPy
     from symid.identification.diagnosis import Diagnosis
     from symid.report.blocks import Block
     from symid.report.fit_page import Known, Page, PageRequest
+    from symid.report.verdict import Verdict
     from symid.tasks.validate import TrackingTask, Trial
 
 __all__ = ["ElasticFit", "Fit", "FrictionFit", "RigidFit", "find_estimate", "load_fit"]
-
-
-class _Product(Protocol):
-    """What estimates of all kinds have."""
-
-    @property
-    def robot(self) -> str: ...
-    @property
-    def signature(self) -> str: ...
-    @property
-    def sources(self) -> tuple[str, ...]: ...
-    @property
-    def settings(self) -> Mapping[str, object]: ...
-    @property
-    def refused(self) -> tuple[tuple[str, str], ...]: ...
-    @property
-    def notices(self) -> tuple[Notice, ...]: ...
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -66,6 +51,15 @@ class Fit(Result):
         progress: told what begins, where the robot is loaded by its name.
         said: what a reader should know, those of robot and logs included; None for those of the estimate.
         extra: entries for programs that only a fit of now has, such as what computed the functions.
+
+    Example:
+        >>> import symid
+        >>> robot = symid.load("two_link")
+        >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
+        >>> print(fit["Fv1"].unit)
+        N m s/rad
+        >>> symid.load_fit(fit.save("fit.json")).values == fit.values
+        True
     """
 
     file: Path | None = None
@@ -76,7 +70,7 @@ class Fit(Result):
 
     @property
     @abstractmethod
-    def product(self) -> _Product:
+    def product(self) -> "Estimate | ElasticEstimate | FrictionIdentification":
         """Return the estimate with all that was used to get it."""
 
     @property
@@ -123,6 +117,28 @@ class Fit(Result):
         """Return the values of the parameters by name, SI units."""
         return {entry.name: entry.value for entry in self.parameters}
 
+    @property
+    def verdict(self) -> "Verdict":
+        """Return what the fit is worth by its own logs, in sentences; held-out logs say more (`validate`)."""
+        from symid.report.fit_figures import judge_fit
+
+        return judge_fit(self.product)
+
+    def opening(self) -> "tuple[Block, ...]":
+        """Return the verdict."""
+        verdict = self.verdict
+        return (f"{verdict.level}: {verdict.headline}", "\n".join(verdict.details))
+
+    def figures(self) -> "tuple[Block, ...]":
+        """Return the least certain parameters; of elastic joints the springs, of friction its curves."""
+        return self.plot().drawings
+
+    def plot(self) -> Figures:
+        """Return these figures, which show themselves in a notebook; `.save(path)` writes them as SVG."""
+        from symid.report.fit_figures import draw_fit
+
+        return Figures(drawings=draw_fit(self.product))
+
     def __len__(self) -> int:
         """Return how many parameters were found."""
         return len(self.parameters)
@@ -155,6 +171,13 @@ class Fit(Result):
 
         Raises:
             OutputError: the file cannot be written.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
+            >>> fit.save("fit.json").name
+            'fit.json'
         """
 
     def validate(
@@ -171,8 +194,16 @@ class Fit(Result):
             EstimateError: the fit is of another model than the robot.
             LogError: the log does not fit the robot.
             IdentifiabilityError: no joint moves in it.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
+            >>> fit.validate(robot.simulate("tc", duration=5.0, seed=2).log, gate=5.0).accepted
+            True
         """
-        return LogValidation(product=self._try(list_logs(log)[0], list_pairs(settings)), gate=gate)
+        pairs = list_pairs(settings)
+        return LogValidation(product=self._try(find_log(log, pairs), pairs), gate=gate)
 
     @abstractmethod
     def _try(self, log: "Path | Recording", pairs: tuple[tuple[str, str], ...]) -> "Trial": ...
@@ -202,6 +233,13 @@ class Fit(Result):
         Raises:
             UsageError: a column is not there, or a reading is no sum of ours.
             EstimateError: another is of another robot, cannot be read, or has nothing in common.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
+            >>> fit.compare(fit).largest
+            0.0
         """
         from symid.api.comparison import compare_fit
 
@@ -232,6 +270,13 @@ class Fit(Result):
             UsageError: the format is unknown, or cannot hold this fit.
             EstimateError: no such file can have these values.
             OutputError: the file cannot be written.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
+            >>> fit.export("identified.urdf").format
+            'URDF'
         """
         from symid.api.export import export_fit
 
@@ -258,11 +303,19 @@ class Fit(Result):
             UsageError: validation or diagnosis is asked for where the kind of fit has none.
             LogError: a log does not fit the robot.
             OutputError: the page cannot be written.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
+            >>> fit.report("report.html", validation=robot.simulate("tc", duration=5.0).log).file.name
+            'report.html'
         """
         from symid.report.fit_page import PageRequest
 
-        logs = list_logs(validation)
-        request = PageRequest(logs=logs, pairs=list_pairs(settings), diagnose=diagnose, file=_name(self.file))
+        pairs = list_pairs(settings)
+        logs = list_logs(validation, pairs)
+        request = PageRequest(logs=logs, pairs=pairs, diagnose=diagnose, file=_name(self.file))
         known = (self.robot.description, self.robot.workshop) if logs or diagnose else None
         return FitPage(page=self._write_page(Path(fspath(path)), request, known))
 
@@ -278,7 +331,18 @@ class Fit(Result):
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class RigidFit(Fit):
-    """Base parameters and friction of a robot whose joints are rigid, or taken as rigid."""
+    """Base parameters and friction of a robot whose joints are rigid, or taken as rigid.
+
+    Attributes:
+        estimate: all that was found, and how.
+
+    Example:
+        >>> import symid
+        >>> robot = symid.load("two_link")
+        >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
+        >>> len(fit), fit.covariance.shape
+        (12, (12, 12))
+    """
 
     estimate: "Estimate"
 
@@ -314,6 +378,12 @@ class RigidFit(Fit):
         Raises:
             LogError: a log is not there any more.
             UsageError: the rows of the fit mix the joints.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
+            >>> fit.diagnose()  # doctest: +SKIP
         """
         from symid.tasks.diagnose import diagnose_fit
 
@@ -339,8 +409,17 @@ class RigidFit(Fit):
             EstimateError: the fit is of another model than the robot.
             LogError: the log does not fit the robot.
             IdentifiabilityError: no joint moves in it.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
+            >>> log = robot.simulate("tc", duration=5.0, seed=2).log
+            >>> fit.validate(log, band=20.0).mean_relative_percent < 5.0
+            True
         """
-        return LogValidation(product=self._try(list_logs(log)[0], list_pairs(settings), band=band), gate=gate)
+        pairs = list_pairs(settings)
+        return LogValidation(product=self._try(find_log(log, pairs), pairs, band=band), gate=gate)
 
     def _try(
         self, log: "Path | Recording", pairs: tuple[tuple[str, str], ...], *, band: float | None = None
@@ -381,7 +460,15 @@ class ElasticFit(Fit):
     """Dynamics, friction and springs with hysteresis of a robot whose joints are elastic.
 
     Attributes:
+        estimate: all that was found, and how.
         alignment: delay and offsets of the link encoders, None where they were not looked for.
+
+    Example:
+        >>> import symid
+        >>> robot = symid.load("two_link_elastic")
+        >>> fit = robot.identify(robot.simulate(duration=4.0, seed=1).log, method="linear-spring")
+        >>> [spring.joint for spring in fit.springs]
+        ['shoulder', 'elbow']
     """
 
     estimate: "ElasticEstimate"
@@ -439,12 +526,19 @@ class ElasticFit(Fit):
         Raises:
             RobotError: the robot file does not state the true values.
             UsageError: a fit lacks springs, which a feed-forward needs.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link_elastic")
+            >>> fit = robot.identify(robot.simulate(duration=4.0, seed=1).log, method="linear-spring")
+            >>> fit.track(robot.simulate("tc", seed=2).log)  # doctest: +SKIP
         """
         from symid.tasks.validate import build_tracking_task
 
         others = tuple((_name(entry.file), entry.estimate) for entry in against)
         task = build_tracking_task(self.robot.description, seed, others)
-        found = self._try(list_logs(log)[0], list_pairs(settings), tracking=task)
+        pairs = list_pairs(settings)
+        found = self._try(find_log(log, pairs), pairs, tracking=task)
         return LogValidation(product=found, gate=gate)
 
     def _try(
@@ -489,7 +583,21 @@ class ElasticFit(Fit):
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class FrictionFit(Fit):
-    """A law of friction, and its parameters, for every joint that moves."""
+    """A law of friction, and its parameters, for every joint that moves.
+
+    Attributes:
+        estimate: all that was found, and how.
+
+    Example:
+        >>> import symid
+        >>> robot = symid.load("two_link")
+        >>> log = robot.simulate(duration=5.0, seed=1).log
+        >>> fit = robot.identify_friction(log, model="coulomb-viscous-offset")
+        >>> list(fit)[:3]
+        ['shoulder.fC', 'shoulder.fV', 'shoulder.offset']
+        >>> round(fit["elbow.fC"].value, 1)
+        0.9
+    """
 
     estimate: "FrictionIdentification"
 
@@ -580,6 +688,13 @@ def load_fit(
 
     Raises:
         EstimateError: there is no such file, or it holds something else.
+
+    Example:
+        >>> import symid
+        >>> robot = symid.load("two_link")
+        >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
+        >>> symid.load_fit(fit.save("fit.json"))["ZZ2"] == fit["ZZ2"]
+        True
     """
     file = Path(fspath(path))
     from symid.elastic.storage import is_elastic_estimate, read_elastic_estimate

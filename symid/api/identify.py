@@ -30,7 +30,19 @@ Pairs = tuple[tuple[str, str], ...]
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Stiffness(Result):
-    """The stiffness of every joint that the logs tell, with 95 % intervals, and what the encoders say."""
+    """The stiffness of every joint that the logs tell, with 95 % intervals, and what the encoders say.
+
+    Attributes:
+        estimate: all that was found.
+        said: what a reader should know.
+
+    Example:
+        >>> import symid
+        >>> robot = symid.load("two_link_elastic")
+        >>> found = robot.identify_stiffness(robot.simulate(duration=6.0, seed=1).log)
+        >>> sorted(found.joints)
+        ['elbow', 'shoulder']
+    """
 
     estimate: "StiffnessEstimate"
     said: tuple[Notice, ...]
@@ -82,8 +94,9 @@ def _gather(
     from symid.data.logs import gather_fit_recordings
     from symid.formats.loading import override_settings
 
+    given = list_logs(logs, pairs)
     described = override_settings(robot.description, pairs, friction)
-    return described, gather_fit_recordings(list_logs(logs), described)
+    return described, gather_fit_recordings(given, described)
 
 
 def identify_logs(

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, final
 
 from symid.api.result import Result
-from symid.errors import LogError, Notice
+from symid.errors import LogError, Notice, UsageError
 
 if TYPE_CHECKING:  # these load NumPy
     from numpy.typing import ArrayLike
@@ -23,7 +23,7 @@ if TYPE_CHECKING:  # these load NumPy
     from symid.report.blocks import Block
     from symid.robot.description import Robot
 
-__all__ = ["Log", "LogLike", "Logs", "build_log", "list_logs", "read_log", "read_logs"]
+__all__ = ["Log", "LogLike", "Logs", "build_log", "find_log", "list_logs", "read_log", "read_logs"]
 
 
 @final
@@ -34,6 +34,12 @@ class Log(Result):
     Attributes:
         recording: time, positions, torques and what else was measured, SI units.
         robot: whose `[log]` map said which column is what.
+
+    Example:
+        >>> import symid
+        >>> log = symid.load("two_link").simulate(duration=2.0, seed=1).log
+        >>> len(log), log.q.shape, round(log.period, 6)
+        (2001, (2001, 2), 0.001)
     """
 
     recording: "Recording"
@@ -108,11 +114,37 @@ Logs = LogLike | Sequence[LogLike]
 """One log or several."""
 
 
-def list_logs(logs: Logs) -> "tuple[Path | Recording, ...]":
-    """Return logs as the rooms below take them."""
+def list_logs(logs: Logs, pairs: Sequence[tuple[str, str]] = ()) -> "tuple[Path | Recording, ...]":
+    """Return logs as the rooms below take them.
+
+    Args:
+        logs: one or several.
+        pairs: settings of the call, keys and values.
+
+    Raises:
+        UsageError: a setting says how to read a log that was read before.
+    """
     if isinstance(logs, str | PathLike | Log):
         logs = (logs,)
+    logs = tuple(logs)
+    late = [key for key, _ in pairs if key.startswith("log.")]
+    if late and any(isinstance(entry, Log) for entry in logs):
+        text = f"{', '.join(late)}: the log was read before; read it again with a robot that has the setting"
+        raise UsageError(Notice(code="usage.read-before", text=text))
     return tuple(entry.recording if isinstance(entry, Log) else Path(fspath(entry)) for entry in logs)
+
+
+def find_log(log: LogLike, pairs: Sequence[tuple[str, str]] = ()) -> "Path | Recording":
+    """Return the one log that is tried, as the rooms below take it; see `list_logs`.
+
+    Raises:
+        UsageError: there are several, or none.
+    """
+    found = list_logs(log, pairs)
+    if len(found) != 1:
+        text = f"{len(found)} logs were given, and one is tried at a time: call it once for each"
+        raise UsageError(Notice(code="usage.one-log", text=text))
+    return found[0]
 
 
 def read_logs(path: str | PathLike[str], robot: "RobotModel", *, uneven: bool = False) -> tuple[Log, ...]:
@@ -125,10 +157,16 @@ def read_logs(path: str | PathLike[str], robot: "RobotModel", *, uneven: bool = 
 
     Raises:
         LogError: with what is wrong with any of them.
-    """
-    from symid.data.logs import read_logs as read
 
-    recordings = read((Path(fspath(path)),), robot.description, uneven=uneven)
+    Example:
+        >>> import symid
+        >>> robot = symid.load("two_link")
+        >>> [len(log) for log in symid.read_logs(robot.simulate(duration=1.0).save("run.npz"), robot)]
+        [1001]
+    """
+    from symid.data.logs import gather_recordings
+
+    recordings = gather_recordings((Path(fspath(path)),), robot.description, uneven=uneven)
     return tuple(Log(recording=recording, robot=robot.description) for recording in recordings)
 
 
@@ -194,8 +232,12 @@ def build_log(
     from symid.data.recording import Recording
 
     arrays = {"q": q, "tau": tau, "dq": dq, "theta": theta}
-    given = {name: np.asarray(value, dtype=float) for name, value in arrays.items() if value is not None}
-    stamps = np.asarray(time, dtype=float)
+    try:
+        given = {name: np.asarray(value, dtype=float) for name, value in arrays.items() if value is not None}
+        stamps = np.asarray(time, dtype=float)
+    except (TypeError, ValueError) as error:
+        text = f"these are no arrays of real numbers: {error}"
+        raise LogError(Notice(code="log.arrays", text=text, file=source)) from error
     size = len(robot.joints)
     wrong = [
         f"{name} has the shape {value.shape}, expected {(*stamps.shape[:1], size)}"
@@ -207,7 +249,7 @@ def build_log(
         for name, value in given.items()
         if not np.isfinite(value).all()
     ]
-    if stamps.ndim != 1 or len(stamps) < 2 or not np.all(np.diff(stamps) > 0.0):
+    if stamps.ndim != 1 or len(stamps) < 2 or not np.all(np.diff(stamps) > 0.0) or np.isinf(stamps).any():
         wrong.append("time must be a list of two or more stamps in s that increase")
     if wrong:
         raise LogError(*(Notice(code="log.arrays", text=text, file=source) for text in wrong))

@@ -27,6 +27,12 @@ class RobotDraft(Result):
 
     Attributes:
         product: the robot, the text, and what the log adds to it.
+
+    Example:
+        >>> import symid
+        >>> draft = symid.new_robot(robot="scara")
+        >>> len(symid.load(draft.save("mine.toml")).joints)
+        4
     """
 
     product: "Draft"
@@ -52,7 +58,7 @@ class RobotDraft(Result):
         return self.product.notices
 
     def save(self, path: str | PathLike[str]) -> Path:
-        """Write the file, in place of an older one; return its path.
+        """Write the file to `path`, in place of an older one; return the path.
 
         Raises:
             OutputError: it is no .toml, or cannot be written.

@@ -36,6 +36,18 @@ class PayloadResult(Result):
 
     Attributes:
         product: the payload, how surely each quantity is known, what cannot be told.
+
+    Example:
+        >>> import symid
+        >>> from pathlib import Path
+        >>> robot = symid.load("two_link")
+        >>> heavy = robot.path.read_text().replace("mass = 1.9", "mass = 2.9")
+        >>> Path("carrying.toml").write_text(heavy) == len(heavy)
+        True
+        >>> loaded = symid.load("carrying.toml").simulate(duration=4.0, seed=2).log
+        >>> found = robot.payload(loaded, robot.simulate(duration=4.0, seed=1).log)
+        >>> found.joint, round(found["mass"].value, 1)
+        ('elbow', 1.0)
     """
 
     product: "PayloadFinding"
@@ -103,7 +115,7 @@ class PayloadResult(Result):
         return describe_payload(self.product.robot, self.payload)
 
     def save(self, path: str | PathLike[str]) -> Path:
-        """Write the result as JSON, and return the path.
+        """Write the result to `path` as JSON, and return the path.
 
         Raises:
             OutputError: the file cannot be written.

@@ -21,7 +21,18 @@ __all__ = ["FitPage"]
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class FitPage(Result):
-    """A page that was written, and what was found on the way."""
+    """A page that was written, and what was found on the way.
+
+    Attributes:
+        page: all that was found.
+
+    Example:
+        >>> import symid
+        >>> robot = symid.load("two_link")
+        >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
+        >>> fit.report("report.html").file.name
+        'report.html'
+    """
 
     page: "Page"
 

@@ -26,7 +26,18 @@ def ignore(text: str) -> None:
 
 
 class Result(ABC):
-    """A result of the API, immutable."""
+    """A result of the API, immutable.
+
+    Example:
+        >>> import symid
+        >>> base = symid.load("two_link").base
+        >>> base
+        <BaseSet two_link: 6 base parameters (torque)>
+        >>> str(base).splitlines()[0]
+        'two_link: 6 base parameters of 20'
+        >>> base.to_dict()["count"]
+        6
+    """
 
     @property
     @abstractmethod
@@ -55,6 +66,10 @@ class Result(ABC):
     def to_dict(self) -> dict[str, object]:
         """Return the result in plain types, as `--json` gives it."""
 
+    def opening(self) -> "tuple[Block, ...]":
+        """Return what a notebook shows first, such as a verdict."""
+        return ()
+
     def figures(self) -> "tuple[Block, ...]":
         """Return the figures that a notebook shows behind the tables."""
         return ()
@@ -69,12 +84,15 @@ class Result(ABC):
 
         return write_text(self.blocks())
 
+    def _tabulate(self) -> "tuple[Block, ...]":
+        """Return what a notebook, which is wider than a terminal, shows in place of `blocks`."""
+        return self.blocks()
+
     def _repr_html_(self) -> str:
         """Return the result for a notebook."""
         from symid.report.blocks import write_html
 
-        said = tuple(f"{kind}: {entry}" for kind, entries in self._list_notices() for entry in entries)
-        return write_html((*self.blocks(), *said, *self.figures()), failed=not self.accepted)
-
-    def _list_notices(self) -> tuple[tuple[str, tuple[Notice, ...]], ...]:
-        return (("error", self.errors), ("warning", self.notices))
+        told = ((("note" if entry.is_note else "warning"), entry) for entry in self.notices)
+        said = "\n".join(f"{kind}: {entry}" for kind, entry in (*(("error", e) for e in self.errors), *told))
+        blocks = (*self.opening(), *self._tabulate(), *((said,) if said else ()), *self.figures())
+        return write_html(blocks, failed=not self.accepted)

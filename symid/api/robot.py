@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, final
+from typing import TYPE_CHECKING, Literal, TypeVar, final
 
 from symid.api.base import BaseForm, BaseSet, find_base_set
 from symid.api.result import Progress, ignore
@@ -52,6 +52,7 @@ if TYPE_CHECKING:  # these load NumPy, SymPy or CasADi
 
 __all__ = ["RobotModel", "Settings", "list_pairs", "list_robots", "load"]
 
+T = TypeVar("T")
 Settings = Mapping[str, object]
 """Settings in place of the robot file's, such as {"processing.filter_cutoff": 50}; see docs/robot_file.md."""
 
@@ -69,8 +70,23 @@ def list_pairs(settings: Settings | None, **named: object) -> tuple[tuple[str, s
     return tuple((key.strip(), _write_value(value)) for key, value in ((*(settings or {}).items(), *given)))
 
 
+def _strip(value: T) -> T:
+    """Return a number or an array of NumPy in Python's own types, and all else as it is."""
+    plain: T = value.tolist() if hasattr(value, "tolist") else value
+    return plain
+
+
+def _list_periods(period: float | Sequence[float] | None) -> tuple[float, ...]:
+    """Return one period, several, or none, as a tuple."""
+    plain = _strip(period)
+    if plain is None:
+        return ()
+    return (plain,) if isinstance(plain, int | float) else tuple(map(_strip, plain))
+
+
 def _write_value(value: object) -> str:
     """Return a value as a robot file has it."""
+    value = _strip(value)
     match value:
         case None:
             return "none"
@@ -90,6 +106,12 @@ class RobotModel:
         description: joints, placements, drives, friction, springs, log map, as read and overridden.
         backend: what computes its functions: "auto" (compiled C, else NumPy), "c", "python" or "casadi".
         progress: told in a few words what begins; says nothing by default, `print` is a good choice.
+
+    Example:
+        >>> import symid
+        >>> robot = symid.load("two_link")
+        >>> [joint.name for joint in robot.joints], robot.elastic
+        (['shoulder', 'elbow'], False)
     """
 
     description: "Robot"
@@ -120,6 +142,10 @@ class RobotModel:
     def elastic(self) -> bool:
         """Return whether any joint is elastic."""
         return any(self.description.elastic)
+
+    def __getstate__(self) -> dict[str, object]:
+        """Return what is copied or pickled: all but the compiled functions, which are loaded again on use."""
+        return {name: value for name, value in self.__dict__.items() if name != "library"}
 
     def __repr__(self) -> str:
         """Return the robot in one line."""
@@ -175,7 +201,16 @@ class RobotModel:
         return find_base_set(self.description)
 
     def find_base(self, form: BaseForm = "torque") -> BaseSet:
-        """Return what the torques, the energies, the momentum, or torques at rest ("gravity") can tell."""
+        """Return what the torques, the energies, the momentum, or torques at rest ("gravity") can tell.
+
+        Args:
+            form: "torque", "energy", "momentum" or "gravity".
+
+        Example:
+            >>> import symid
+            >>> symid.load("two_link").find_base("gravity").names
+            ('MXR1', 'MY1', 'MX2', 'MY2')
+        """
         return self.base if form == "torque" else find_base_set(self.description, form)
 
     # Derivation, exact functions and code.
@@ -451,20 +486,20 @@ class RobotModel:
         options = RigidOptions(
             rows=rows,
             estimator=estimator,
-            overlap=overlap,
-            period=(period,) if isinstance(period, int | float) else tuple(period),
+            overlap=_strip(overlap),
+            period=_list_periods(period),
             prior=_find_prior(prior),
-            prior_deviation=prior_deviation,
-            prior_weight=prior_weight,
+            prior_deviation=_strip(prior_deviation),
+            prior_weight=_strip(prior_weight),
             start=_find_known(start),
             partial=partial,
         )
         given = {
-            "tolerance": tolerance,
-            "thresholds": thresholds,
-            "knees": knees,
-            "window": window,
-            "rate": rate,
+            "tolerance": _strip(tolerance),
+            "thresholds": _strip(thresholds),
+            "knees": _strip(knees),
+            "window": _strip(window),
+            "rate": _strip(rate),
         }
         task = IdentifyTask(pairs=pairs, rigid=options, method=method, elastic=given, options=elastic)
         return identify_logs(self, logs, task, friction)
@@ -515,7 +550,7 @@ class RobotModel:
         Example:
             >>> import symid
             >>> robot = symid.load("two_link")
-            >>> fit = robot.identify_friction(robot.simulate(seed=1).log, model="coulomb+viscous")
+            >>> fit = robot.identify_friction(robot.simulate(seed=1).log, model="coulomb-viscous")
             >>> sorted(fit.joints)
             ['elbow', 'shoulder']
         """
@@ -534,9 +569,9 @@ class RobotModel:
             model=model,
             estimator=estimator,
             known=_find_known(known),
-            smoothing=smoothing,
-            period=(period,) if isinstance(period, int | float) else tuple(period),
-            seed=seed,
+            smoothing=_strip(smoothing),
+            period=_list_periods(period),
+            seed=_strip(seed),
             friction=friction,
             options=options or FrictionOptions(),
         )
@@ -563,6 +598,13 @@ class RobotModel:
         Raises:
             UsageError: a setting has no meaning for a stiffness.
             LogError: a log lacks an encoder, or is too short.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link_elastic")
+            >>> found = robot.identify_stiffness(robot.simulate(duration=6.0, seed=1).log)
+            >>> sorted(found.joints)
+            ['elbow', 'shoulder']
         """
         from symid.api.identify import identify_stiffness_of_logs
 

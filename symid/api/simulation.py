@@ -42,6 +42,12 @@ class Simulation(Result):
         backend: what computed the motion.
         details: noise, controller, largest torsions, in plain types.
         library_notices: what a reader should know of the compiled functions.
+
+    Example:
+        >>> import symid
+        >>> run = symid.load("two_link").simulate("ta", duration=0.5, seed=1)
+        >>> run.tau.shape, run.save("run.npz").name
+        ((501, 2), 'run.npz')
     """
 
     robot: "Robot"
@@ -85,7 +91,7 @@ class Simulation(Result):
         return (*self.robot.notices, *self.library_notices, *self.recording.notices)
 
     def save(self, path: str | PathLike[str]) -> Path:
-        """Write the log as .npz or .csv, in place of an older file; return its path.
+        """Write the log to `path`, .npz or .csv, in place of an older file; return the path.
 
         Raises:
             OutputError: the ending is another one, or the file cannot be written.

@@ -9,7 +9,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar, final
 
-from symid.api.log import Log, LogLike
+from symid.api.log import LogLike, find_log
 from symid.api.result import Progress, Result, ignore
 from symid.errors import Notice
 
@@ -48,6 +48,12 @@ class Study(Result, Generic[T_co]):
         tables: what it is printed as.
         described: the numbers in plain types.
         told: what a reader should know.
+
+    Example:
+        >>> import symid
+        >>> study = symid.load("two_link").study_precision(seeds=2, jobs=1)
+        >>> study
+        <Study precision of two_link>
     """
 
     title: str
@@ -109,7 +115,7 @@ def run_cutoff(model: "RobotModel", log: LogLike) -> "Study[CutoffStudy]":
     from symid.study.cutoff import study_cutoff
 
     robot = model.description
-    recording = log.recording if isinstance(log, Log) else read_one_log(Path(log), robot)
+    recording = read_one_log(find_log(log), robot)
     rigid = build_rigid_variant(robot) if model.elastic else robot
     library = replace(model, description=rigid).library
     measured = build_motor_recording(recording, robot)
@@ -183,6 +189,11 @@ class FrictionTables(Result):
 
     Attributes:
         product: the numbers.
+
+    Example:
+        >>> import symid
+        >>> tables = symid.study_friction_tables(seeds=2)  # doctest: +SKIP
+        >>> tables.save("tables.html")  # doctest: +SKIP
     """
 
     product: "FrictionStudy"
@@ -193,7 +204,7 @@ class FrictionTables(Result):
         return ()
 
     def save(self, path: str | PathLike[str]) -> Path:
-        """Write one page with all tables and figures, in place of an older file; return its path.
+        """Write one page with all tables and figures to `path`, in place of an older file; return the path.
 
         Raises:
             OutputError: the file cannot be written.

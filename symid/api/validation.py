@@ -26,6 +26,14 @@ class LogValidation(Result):
     Attributes:
         product: all that was found.
         gate: percent, the largest acceptable mean of the relative residuals; None for none.
+
+    Example:
+        >>> import symid
+        >>> robot = symid.load("two_link")
+        >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
+        >>> validation = fit.validate(robot.simulate("tc", duration=5.0, seed=2).log, gate=5.0)
+        >>> validation.accepted, validation.mean_relative_percent < 1.0
+        (True, True)
     """
 
     product: "Trial"
@@ -43,7 +51,7 @@ class LogValidation(Result):
 
     @property
     def mean_relative_percent(self) -> float:
-        """Return the mean over joints of 100 |tau - tau_predicted| / |tau|."""
+        """Return the mean over joints of `100 |tau - tau_predicted| / |tau|`."""
         return self.product.mean_relative_percent
 
     @property

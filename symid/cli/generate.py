@@ -108,7 +108,7 @@ def command(
         robot.load(console, friction=friction).write(
             target,
             output,
-            functions=names,
+            functions=names or None,
             precision=precision,
             parameters=parameters,
             constant=constant,

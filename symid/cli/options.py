@@ -10,6 +10,7 @@ import click
 
 from symid.cli.inputs import NamedRobot
 from symid.cli.output import Answer, Console
+from symid.errors import Notice, UsageError
 
 __all__ = [
     "DEFAULT_SEED",
@@ -44,7 +45,8 @@ INPUT, PROCESSING, MODEL, METHOD, OUTPUT = "Input", "Processing", "Model", "Meth
 _GROUPS = (INPUT, PROCESSING, MODEL, METHOD, OUTPUT)
 DEFAULT_SEED = 1
 _FRICTION = ("none", "viscous_coulomb", "viscous_coulomb_offset", "asymmetric")
-_BACKENDS = ("auto", "c", "python", "casadi")
+_AUTO = "auto"
+_BACKENDS = (_AUTO, "c", "python", "casadi")
 
 
 class _GroupedOption(click.Option):
@@ -194,7 +196,7 @@ _CUTS = (
 backend_option = option(
     "--backend",
     type=click.Choice(_BACKENDS),
-    default="auto",
+    default=_AUTO,
     show_default=True,
     group=METHOD,
     help="What computes the robot's functions: compiled C, the NumPy module, or code that CasADi generated.",
@@ -237,9 +239,25 @@ def _name_robot(function: Callable[..., R]) -> Callable[..., R]:
         named = None
         if robot is not None:
             named = NamedRobot(name=robot, base=base_link, tip=tip_link, snap=snap, backend=backend)
+        else:
+            chosen = None if backend == _AUTO else backend
+            _refuse_unnamed(base=base_link, tip=tip_link, snap=snap, backend=chosen)
         return function(*arguments, robot=named, **options)
 
     return call
+
+
+def _refuse_unnamed(**options: object) -> None:
+    """Refuse options of a robot that was not named: they would have no effect.
+
+    Raises:
+        UsageError: some were given.
+    """
+    given = [f"--{name}" for name, value in options.items() if value is not None]
+    if given:
+        them = "them" if given[1:] else "it"
+        text = f"{', '.join(given)} cannot be used without --robot; name the robot, or leave {them} out"
+        raise UsageError(Notice(code="usage.no-robot", text=text))
 
 
 def output_option(meaning: str, *, required: bool = False, folder: bool = False) -> Decorator:

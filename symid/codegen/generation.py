@@ -58,6 +58,9 @@ class CodeOrder:
 
     def __post_init__(self) -> None:
         """Check the values."""
+        if self.names == ():
+            text = "functions: none was named; name at least one, or leave them out for all"
+            raise UsageError(Notice(code="usage.functions", text=text))
         for key, value, allowed in (
             ("target", self.target, TARGETS),
             ("parameters", self.parameters, PARAMETERS),

@@ -1,10 +1,13 @@
 """Logs of one call: all read before anything is done, each once, all mistakes at once.
 
-Input: paths of logs, or of files that list runs. Output: recordings.
+Input: paths of logs or of files that list runs, or recordings. Output: recordings.
 """
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
+
+import numpy as np
 
 from symid.data.recording import Recording
 from symid.data.runs import check_one_payload, describe_runs, list_files, read_log_runs, refuse_loads
@@ -15,34 +18,20 @@ from symid.robot.description import Robot
 
 __all__ = [
     "check_distinct",
+    "check_distinct_samples",
     "describe_logs",
     "find_digests",
     "gather_fit_recordings",
     "gather_recordings",
-    "read_logs",
     "read_one_log",
 ]
 
 
-def read_logs(paths: Sequence[Path], robot: Robot, *, uneven: bool = False) -> tuple[Recording, ...]:
-    """Return the recordings, those of all runs where a file lists them; all logs are read first.
+def read_one_log(log: Path | Recording, robot: Robot, alone: str = "") -> Recording:
+    """Return the recording of one log, of which a file of runs may list no more.
 
     Args:
-        paths: of logs, or of files of runs.
-        robot: its `[log]` map says which column is what.
-        uneven: whether uneven time stamps are left as they are.
-
-    Raises:
-        LogError: with what is wrong with any of them.
-    """
-    return gather_recordings(paths, robot, uneven=uneven)
-
-
-def read_one_log(path: Path, robot: Robot, alone: str = "") -> Recording:
-    """Return the one recording at `path`, of which a file of runs may list no more.
-
-    Args:
-        path: of a log, or of a file of runs.
+        log: a file, a file of runs, or what was read before.
         robot: its `[log]` map says which column is what.
         alone: what cannot take a known payload into account, for the message; "" where it can be.
 
@@ -50,10 +39,10 @@ def read_one_log(path: Path, robot: Robot, alone: str = "") -> Recording:
         UsageError: the file lists several runs.
         LogError: with what is wrong with the log.
     """
-    recordings = read_logs((path,), robot)
+    recordings = gather_recordings((log,), robot)
     if len(recordings) > 1:
         text = f"lists {len(recordings)} runs, and one log is tried at a time: name one of them"
-        raise UsageError(Notice(code="usage.one-log", text=text, file=str(path)))
+        raise UsageError(Notice(code="usage.one-log", text=text, file=str(log)))
     if alone:
         refuse_loads(recordings, alone)
     return recordings[0]
@@ -106,12 +95,24 @@ def gather_recordings(
     notices: list[Notice] = []
     for entry in logs:
         try:
-            found += read_log_runs(entry, robot, uneven=uneven) if isinstance(entry, Path) else (entry,)
+            if isinstance(entry, Path):
+                found += read_log_runs(entry, robot, uneven=uneven)
+            else:
+                _check_joints(entry, robot)
+                found.append(entry)
         except LogError as error:
             notices += error.notices
     if notices:
         raise LogError(*notices)
     return tuple(found)
+
+
+def _check_joints(recording: Recording, robot: Robot) -> None:
+    """Refuse what was read for a robot with another number of joints."""
+    joints = recording.position.shape[1]
+    if joints != robot.freedom:
+        text = f"has {joints} joints, the robot {robot.name!r} has {robot.freedom}; read it with this robot"
+        raise LogError(Notice(code="log.joints", text=text, file=recording.source))
 
 
 def gather_fit_recordings(logs: Sequence[Path | Recording], robot: Robot) -> tuple[Recording, ...]:
@@ -125,8 +126,30 @@ def gather_fit_recordings(logs: Sequence[Path | Recording], robot: Robot) -> tup
         raise UsageError(Notice(code="usage.no-log", text="no log was given: name at least one"))
     files = [entry for entry in logs if isinstance(entry, Path)]
     others = [Path(entry.source) for entry in logs if isinstance(entry, Recording) and entry.run is None]
-    named = [path for path in others if path.is_file()]
+    # Of what was made in memory the source may be any text, of which Path.is_file makes an error.
+    named = [path for path in others if os.path.isfile(path)]  # noqa: PTH113
     check_distinct([*(file for path in files for file in list_files((path,), robot)), *named])
     recordings = gather_recordings(logs, robot)
+    check_distinct_samples(recordings)
     check_one_payload(recordings)
     return recordings
+
+
+def check_distinct_samples(recordings: Sequence[Recording]) -> None:
+    """Refuse the same samples twice, which no file need tell of; see `check_distinct`.
+
+    Raises:
+        UsageError: two recordings have the same times, positions and torques.
+    """
+    for place, entry in enumerate(recordings):
+        for other in recordings[:place]:
+            if entry is other or all(
+                np.array_equal(mine, its)
+                for mine, its in (
+                    (entry.torque, other.torque),
+                    (entry.position, other.position),
+                    (entry.time, other.time),
+                )
+            ):
+                text = f"the same samples as {other.source}; give each log once"
+                raise UsageError(Notice(code="usage.same-log", text=text, file=entry.source))

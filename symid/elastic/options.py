@@ -100,6 +100,11 @@ def _find_number_mistakes(options: ElasticOptions) -> list[str]:
         for name, least in counts.items()
         if getattr(options, name) < least
     ]
+    mistakes += [
+        f"{name} {getattr(options, name)}: must be a whole number"
+        for name in counts
+        if getattr(options, name) % 1
+    ]
     return mistakes
 
 

@@ -11,7 +11,7 @@ from symid.elastic.motor_side import check_motor_side, has_both_encoders
 from symid.errors import LogError, Notice, UsageError
 from symid.robot.description import Robot
 
-__all__ = ["Route", "choose_route", "refuse_mixed"]
+__all__ = ["Route", "choose_route"]
 
 _NAMES = {"rate": "lambda"}
 
@@ -59,20 +59,20 @@ def choose_route(
                 "identify what the motor side alone can tell"
             )
             raise UsageError(Notice(code="usage.one-encoder", text=text))
-        refuse_mixed(rigid, {}, f"the elastic robot {robot.name!r}")
+        _refuse_mixed(rigid, {}, f"the elastic robot {robot.name!r}")
         return Route(kind="elastic", method=method or "automatic")
     if method is not None:
         kind = "has rigid joints besides elastic ones" if any(robot.elastic) else "has no elastic joints"
         text = f"--method {method}: the robot {robot.name!r} {kind}; leave it out, or use --method stiffness"
         raise UsageError(Notice(code="usage.method", text=text))
     others = {name: value for name, value in elastic.items() if name != "window"}
-    refuse_mixed((), others, f"{robot.name!r}, identified as rigid")
+    _refuse_mixed((), others, f"{robot.name!r}, identified as rigid")
     if any(robot.elastic) and not any(both):
         check_motor_side(robot, recordings)
     return Route(kind="motor-side" if any(robot.elastic) else "rigid")
 
 
-def refuse_mixed(rigid: Sequence[str], elastic: Mapping[str, object], what: str) -> None:
+def _refuse_mixed(rigid: Sequence[str], elastic: Mapping[str, object], what: str) -> None:
     """Refuse options that have no meaning for `what`.
 
     Raises:

@@ -1,6 +1,6 @@
 """Settings of signals that elastic joints have a use for; the others are refused, or told.
 
-Input: a robot, settings of the command line. Output: a cut-off, shorter recordings, notices.
+Input: a robot, settings of a call. Output: a cut-off, shorter recordings, notices.
 """
 
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ _OTHERS = ("filter_order", "filter_torque", "standstill", "noise_freedom", "deci
 
 
 def check_settings(settings: Sequence[tuple[str, str]], kind: str) -> None:
-    """Refuse settings of the command line that have no meaning for `kind`, "elastic" or "stiffness".
+    """Refuse settings of a call that have no meaning for `kind`, "elastic" or "stiffness".
 
     Raises:
         UsageError: there is such a setting.
@@ -49,7 +49,7 @@ def check_settings(settings: Sequence[tuple[str, str]], kind: str) -> None:
 
 
 def find_asked_cutoff(robot: "Robot", settings: Sequence[tuple[str, str]]) -> float | None:
-    """Return the cut-off in Hz that robot file or command line state: 0 for no filter, None to choose one."""
+    """Return the cut-off in Hz that robot file or call state: 0 for no filter, None to choose one."""
     stated = robot.processing.filter_cutoff
     asked = any(key == _PREFIX + _CUTOFF for key, _ in settings)
     return 0.0 if stated is None and asked else stated

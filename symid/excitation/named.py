@@ -3,6 +3,7 @@
 Input: a robot, a name ("fourier", "ta", "tb", "tc"), the path of a file, or a motion. Output: `Motion`.
 """
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -48,9 +49,13 @@ def build_motion(
         scale: of the amplitudes.
 
     Raises:
-        UsageError: there is no such trajectory, it is for another number of joints, or shorter.
+        UsageError: there is no such trajectory, it is for another number of joints, or shorter; or the
+            duration is no positive time.
         LogError: the file is wrong.
     """
+    if duration is not None and not 0.0 < duration < math.inf:
+        text = f"duration {duration:g} s: must be a positive time"
+        raise UsageError(Notice(code="usage.trajectory", text=text))
     if isinstance(given, str) and given in TRAJECTORIES:
         return build_trajectory(robot, given, rng, duration=duration, joint=joint, scale=scale)
     if isinstance(given, Trajectory):

@@ -1,6 +1,6 @@
 """What neither a URDF nor a table of rows says of a robot, put beside it.
 
-Input: a robot, values of the command line. Output: the robot with friction, rotors, gears, torque constants.
+Input: a robot, values of a call. Output: the robot with friction, rotors, gears, torque constants.
 
 Supported: one model of friction for all joints, its values unknown; rotors of unknown inertia; a gear and a
 torque constant for each joint that follows no other.

@@ -1,4 +1,4 @@
-"""Settings of the command line put in place of those of the robot file.
+"""Settings of a call put in place of those of the robot file.
 
 Input: a robot, and texts such as ("processing.filter_cutoff", "50"). Output: the robot with them,
 checked like the file itself.

@@ -1,6 +1,6 @@
 """How logs are read and processed: the `[log]` and `[processing]` tables, in both directions.
 
-Input: the tables of a robot file, or of a file overridden on the command line. Output: `LogMap` and
+Input: the tables of a robot file, or of a file with settings put over it. Output: `LogMap` and
 `Processing`; and back to plain tables, so that settings can be overridden and checked anew.
 
 Supported: quantities as `log_quantities` reads them, a transmission matrix.

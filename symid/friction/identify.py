@@ -10,6 +10,7 @@ Not supported: elastic joints; friction with a state.
 """
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 
@@ -134,6 +135,9 @@ def identify_friction(
 def _check_task(task: FrictionTask, recordings: Sequence[Recording]) -> None:
     if not recordings:
         raise UsageError(Notice(code="usage.no-log", text="no log was given: name at least one"))
+    if not 0.0 <= task.smoothing < math.inf:
+        text = f"smoothing {task.smoothing:g}: must be 0 or a positive speed in rad/s or m/s"
+        raise UsageError(Notice(code="usage.friction-smoothing", text=text))
     if task.model != AUTO and (unused := _warn_of_smoothing(get_law(task.model, smoothing=task.smoothing))):
         raise UsageError(Notice(code="usage.friction-smoothing", text=f"{unused[0].text}; leave it out"))
     if len(task.periods) not in {0, 1, len(recordings)}:

@@ -3,6 +3,7 @@
 Input: options, a robot, its library, recordings. Output: `EstimatorOptions`.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -110,7 +111,7 @@ def check_rigid_options(rows: str, estimator: str, options: RigidOptions) -> Non
         options: those given.
 
     Raises:
-        UsageError: an option belongs to other rows, or to another estimator.
+        UsageError: an option belongs to other rows or to another estimator, or is out of range.
     """
     wanted = {
         "window": (rows in _WINDOWED, f"--rows {', '.join(_WINDOWED)}"),
@@ -129,6 +130,12 @@ def check_rigid_options(rows: str, estimator: str, options: RigidOptions) -> Non
         for name, (fits, owner) in wanted.items()
         if getattr(options, name) not in (None, ()) and not fits
     ]
+    if options.prior_deviation is not None and not 0.0 < options.prior_deviation < math.inf:
+        text = f"prior deviation {options.prior_deviation:g}: must be a positive number"
+        notices.append(Notice(code="usage.prior", text=text))
+    if options.prior_weight is not None and not 0.0 <= options.prior_weight < math.inf:
+        text = f"prior weight {options.prior_weight:g}: must be 0 or a positive number"
+        notices.append(Notice(code="usage.prior", text=text))
     if estimator in SIMULATING and rows != "torque":
         text = f"--estimator {estimator} is one of torques; leave --rows {rows} out"
         notices.append(Notice(code="usage.mixed-options", text=text))

@@ -7,32 +7,48 @@ import textwrap
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from symid.report.blocks import Block
+from symid.report.blocks import Block, format_table
 
 if TYPE_CHECKING:  # these load SymPy
     from symid.parameters.base import BaseParameter, BaseParameters
     from symid.robot.description import Robot
 
-__all__ = ["describe_base", "show_base", "write_latex"]
+__all__ = ["describe_base", "show_base", "tabulate_base", "write_latex"]
 
 _WIDTH = 100
 
 
 def show_base(robot: "Robot", base: "BaseParameters") -> tuple[Block, ...]:
     """Return a headline with the counts, every parameter with its reason, and what was eliminated."""
+    parameters, friction = _describe_all(robot, base)
+    blocks: list[Block] = [_summarise(robot, base), *map(_show, parameters)]
+    if friction:
+        blocks += ["friction parameters", *map(_show, friction)]
+    if base.eliminated:
+        blocks += ["eliminated"]
+        blocks += [f"{names}\n{_wrap(reason)}" for names, reason in _gather(base)]
+    return tuple(blocks)
+
+
+def tabulate_base(robot: "Robot", base: "BaseParameters") -> tuple[Block, ...]:
+    """Return the same as tables, for pages wider than a terminal."""
+    parameters, friction = _describe_all(robot, base)
+    rows = [
+        (entry["name"], entry["expression"], entry["form"] or entry["value"], entry["unit"], entry["reason"])
+        for entry in (*parameters, *friction)
+    ]
+    header = ("parameter", "groups", "value", "unit", "why")
+    gone = [format_table(("eliminated", "why"), _gather(base), left=(0, 1))] if base.eliminated else []
+    return (_summarise(robot, base), format_table(header, rows, left=(0, 1, 3, 4)), *gone)
+
+
+def _summarise(robot: "Robot", base: "BaseParameters") -> str:
     from symid.dynamics.drives import DRIVE
     from symid.notation import INERTIAL
 
     inertial = (*INERTIAL, *DRIVE)
-    parameters, friction = _describe_all(robot, base)
     whole = base.count + sum(entry.label[1] in inertial for entry in base.eliminated)
-    head = f"{robot.name}: {base.count} base parameter{'s' if base.count != 1 else ''} of {whole}"
-    blocks: list[Block] = [head, *map(_show, parameters)]
-    if friction:
-        blocks += ["friction parameters", *map(_show, friction)]
-    if base.eliminated:
-        blocks += ["eliminated", *_gather(base)]
-    return tuple(blocks)
+    return f"{robot.name}: {base.count} base parameter{'s' if base.count != 1 else ''} of {whole}"
 
 
 def describe_base(robot: "Robot", base: "BaseParameters") -> dict[str, object]:
@@ -95,12 +111,12 @@ def _show(entry: Mapping[str, object]) -> str:
     return f"{' = '.join(parts)}  [{entry['unit']}]\n{_wrap(str(entry['reason']))}"
 
 
-def _gather(base: "BaseParameters") -> list[str]:
-    """Return the eliminated parameters, those with one reason together, in their order."""
+def _gather(base: "BaseParameters") -> list[tuple[str, str]]:
+    """Return the eliminated parameters with their reasons, those with one reason together, in their order."""
     names: dict[str, list[str]] = {}
     for entry in base.eliminated:
         names.setdefault(entry.reason, []).append(entry.name)
-    return [f"{', '.join(group)}\n{_wrap(reason)}" for reason, group in names.items()]
+    return [(", ".join(group), reason) for reason, group in names.items()]
 
 
 def _wrap(text: str) -> str:

@@ -11,23 +11,41 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+
+from symid.resources import find_resource_folder
 
 __all__ = ["Block", "Drawing", "Table", "format_table", "write_html", "write_svg", "write_text"]
 
-_STYLE = (
-    "<style>.symid table{border-collapse:collapse;font-variant-numeric:tabular-nums;margin:.4em 0}"
-    ".symid td,.symid th{padding:.2em .6em;border-bottom:1px solid #8884;text-align:right;white-space:nowrap}"
-    ".symid .text{text-align:left;white-space:normal}.symid caption{text-align:left;opacity:.75}"
-    ".symid p{white-space:pre-wrap;margin:.4em 0}.symid svg{max-width:46em;width:100%;height:auto}"
-    ".symid .fail{border-left:.3em solid #b83a3a;padding-left:.6em}"
-    ".symid svg text{fill:currentColor;font-size:12.5px}.symid .grid{stroke:#8886;stroke-width:.7}"
-    ".symid .axis{stroke:#888;fill:none}.symid .line{fill:none;stroke-width:1.3;stroke-linejoin:round}"
-    ".symid .measured{stroke:#2a6fbb;stroke-width:2.6;opacity:.55}.symid .residual{stroke:#2a6fbb}"
-    ".symid .predicted,.symid .final{stroke:#d9722e}.symid .link{stroke:#1c8a86}"
-    ".symid .initial{stroke:#888}.symid .bar{fill:#2a6fbb;opacity:.55}.symid .other{stroke:#2a6fbb}"
-    ".symid .chosen{stroke:#d9722e}.symid .mark{fill:#fff;stroke-width:1.4}</style>"
-)
-"""Colours that hold on light and dark ground; the names are those of `symid.report.lines`."""
+_COLOURS = {
+    "ink": "currentColor",
+    "soft": "#888",
+    "rule": "#8885",
+    "ground": "transparent",
+    "blue": "#2a7fd0",
+    "orange": "#d9722e",
+    "teal": "#1c9a95",
+    "good": "#2e9d5f",
+    "poor": "#c84a4a",
+}
+"""They hold on light and on dark ground."""
+_TABLES = """.symid table { border-collapse: collapse; font-variant-numeric: tabular-nums; margin: .4em 0 }
+.symid td, .symid th { padding: .2em .6em; border-bottom: 1px solid #8884 }
+.symid td, .symid th { text-align: right; white-space: nowrap }
+.symid table td.text, .symid table th.text { text-align: left }
+.symid table td.long { white-space: normal }
+.symid caption { text-align: left; opacity: .75; white-space: pre-wrap }
+.symid p { white-space: pre-wrap; margin: .4em 0 } .symid p.head { font-weight: 600; margin-top: 1em }
+.symid.fail { border-left: .3em solid #c84a4a; padding-left: .6em }
+.symid figure { margin: .4em 0 } .symid figcaption { opacity: .75 }
+.symid svg { max-width: 46em; width: 100%; height: auto }
+.symid svg text { fill: currentColor; font-size: 12.5px }
+"""
+# The names before a rule: at the beginning of a line, and behind commas before its brace.
+_SELECTOR = re.compile(r"(?:^|(?<=, ))(?=[\w.]+[^{}]*\{)", re.MULTILINE)
+_LONG = 30
+"""Letters of a cell that may be broken into lines."""
+_HEADING = re.compile(r"== (.*) ==")
 _SIZE = re.compile(r'viewBox="0 0 ([0-9.]+) ([0-9.]+)"')
 
 
@@ -61,7 +79,13 @@ class Table:
 
     def write_html(self) -> str:
         """Return the table as HTML."""
-        kinds = [' class="text"' if k in self.left else "" for k in range(len(self.header))]
+        columns = list(zip(*self.rows, strict=True)) or [()] * len(self.header)
+        kinds = [
+            (' class="text long"' if max(map(len, map(_show, cells)), default=0) > _LONG else ' class="text"')
+            if k in self.left
+            else ""
+            for k, cells in enumerate(columns)
+        ]
         head = "".join(
             f"<th{kind}>{html.escape(name)}</th>" for name, kind in zip(self.header, kinds, strict=True)
         )
@@ -106,6 +130,15 @@ def write_text(blocks: Sequence[Block]) -> str:
     return "\n\n".join(str(block) for block in blocks if not isinstance(block, Drawing))
 
 
+@cache
+def _find_style() -> str:
+    """Return the style of tables, and of figures as pages have it, for what stands in an element `symid`."""
+    rules = (find_resource_folder("templates") / "report" / "figures.css").read_text(encoding="utf-8")
+    for name, colour in _COLOURS.items():
+        rules = rules.replace(f"var(--{name})", colour)
+    return f"<style>{_TABLES}{_SELECTOR.sub('.symid ', rules)}</style>"
+
+
 def write_html(blocks: Sequence[Block], *, failed: bool = False) -> str:
     """Return the blocks as HTML for a page of others, such as a notebook.
 
@@ -122,9 +155,12 @@ def write_html(blocks: Sequence[Block], *, failed: bool = False) -> str:
                 caption = html.escape(block.caption)
                 parts.append(f"<figure>{block.svg}<figcaption>{caption}</figcaption></figure>")
             case _:
-                parts.append(f"<p>{html.escape(block)}</p>")
+                head = _HEADING.fullmatch(block)
+                parts.append(
+                    f'<p class="head">{html.escape(head[1])}</p>' if head else f"<p>{html.escape(block)}</p>"
+                )
     kind = "symid fail" if failed else "symid"
-    return f'{_STYLE}<div class="{kind}">{"".join(parts)}</div>'
+    return f'{_find_style()}<div class="{kind}">{"".join(parts)}</div>'
 
 
 def write_svg(drawings: Sequence[Drawing]) -> str:
@@ -140,7 +176,7 @@ def write_svg(drawings: Sequence[Drawing]) -> str:
         )
         top, width = top + height, max(width, across)
     head = f'<svg class="symid" xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {top:g}">'
-    return f"{head}{_STYLE}{''.join(parts)}</svg>\n"
+    return f"{head}{_find_style()}{''.join(parts)}</svg>\n"
 
 
 def _show(value: object) -> str:

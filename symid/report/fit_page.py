@@ -56,6 +56,16 @@ class PageRequest:
     diagnose: bool = False
     file: str = ""
 
+    def __post_init__(self) -> None:
+        """Refuse settings that no log would be read with.
+
+        Raises:
+            UsageError: there are settings and no logs.
+        """
+        if self.pairs and not self.logs:
+            text = "settings are for the logs of a validation, and there is none; give one, or leave them out"
+            raise UsageError(Notice(code="usage.no-validation", text=text))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Page:

@@ -23,7 +23,13 @@ from symid.report.tables import ParameterLine, ResidualLine, list_settings, writ
 from symid.report.templates import write_page
 from symid.report.verdict import Verdict, weigh
 
-__all__ = ["FrictionPage", "JointPage", "build_friction_report", "write_friction_report"]
+__all__ = [
+    "FrictionPage",
+    "JointPage",
+    "build_friction_report",
+    "find_friction_verdict",
+    "write_friction_report",
+]
 
 _TEMPLATE = "friction.html.jinja"
 _LARGE, _HUGE = 10.0, 30.0
@@ -85,7 +91,7 @@ def build_friction_report(found: FrictionIdentification) -> FrictionPage:
     )
     return FrictionPage(
         robot=found.robot,
-        verdict=_find_verdict(found),
+        verdict=find_friction_verdict(found),
         joints=tuple(map(_build_joint, found.joints)),
         left_out=found.refused,
         settings=head + tuple(list_settings(found.settings)),
@@ -200,8 +206,8 @@ def _place_poses(poses: PoseTest) -> tuple[str, ...]:
     return (*places, *(f"left out: {sources}: {reason}" for sources, reason in poses.skipped))
 
 
-def _find_verdict(found: FrictionIdentification) -> Verdict:
-    """Return what the result is worth: how well what was held back is foretold, what is not known."""
+def find_friction_verdict(found: FrictionIdentification) -> Verdict:
+    """Return what the result is worth: how well what was held back is predicted, what is not known."""
     tried = [entry for entry in found.joints if entry.selection is not None]
     names = ", ".join(f"{entry.joint}: {entry.estimate.law}" for entry in found.joints)
     level, headline = "fair", f"Laws of friction: {names}. Nothing that was held back has tested them."
@@ -210,7 +216,7 @@ def _find_verdict(found: FrictionIdentification) -> Verdict:
         same = ratio <= _SAME
         level = "good" if same else "fair"
         headline = (
-            f"Laws of friction: {names}. Blocks held back are foretold "
+            f"Laws of friction: {names}. Blocks held back are predicted "
             + ("as well as" if same else f"{ratio:.2g} times worse than")
             + " those fitted."
         )

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from symid.data.runs import read_recorded_runs
 from symid.elastic.motor_side import build_motor_recording, build_rigid_estimate, build_rigid_variant
-from symid.errors import Notice
+from symid.errors import LogError, Notice
 from symid.estimators.estimate import Estimate
 from symid.identification.diagnosis import Diagnosis, diagnose_estimate
 from symid.identification.fitted_robot import restore_robot
@@ -27,9 +27,10 @@ def diagnose_fit(robot: Robot, estimate: Estimate, workshop: Workshop) -> Diagno
         workshop: library and progress.
 
     Raises:
-        LogError: a log is not there any more, or does not fit the robot.
+        LogError: a log was no file, is not there any more, or does not fit the robot.
         UsageError: its rows mix the joints.
     """
+    _check_files(estimate)
     fitted = restore_robot(robot, estimate)
     tried = build_rigid_estimate(estimate, fitted)
     library = workshop.prepare(build_rigid_variant(fitted))
@@ -40,10 +41,30 @@ def diagnose_fit(robot: Robot, estimate: Estimate, workshop: Workshop) -> Diagno
     return replace(found, notices=(*_list_changed(estimate), *found.notices))
 
 
+def _list_digests(estimate: Estimate) -> list[object]:
+    digests = estimate.settings.get("log_digests")
+    return [*digests] if isinstance(digests, list | tuple) else []
+
+
+def _check_files(estimate: Estimate) -> None:
+    """Refuse a fit to logs that were made in memory: they cannot be read again.
+
+    Raises:
+        LogError: with each of them.
+    """
+    text = "is no file that could be read again; save the log, and identify from the file"
+    notices = [
+        Notice(code="diagnosis.no-file", text=text, file=source)
+        for source, digest in zip(estimate.sources, _list_digests(estimate), strict=False)
+        if not digest
+    ]
+    if notices:
+        raise LogError(*notices)
+
+
 def _list_changed(estimate: Estimate) -> tuple[Notice, ...]:
     """Return a notice for every log of the fit whose content is another one now."""
-    digests = estimate.settings.get("log_digests")
-    known = digests if isinstance(digests, list | tuple) else []
+    known = _list_digests(estimate)
     text = "is not the file that it was when the estimate was made; identify again, or put the old one back"
     return tuple(
         Notice(code="diagnosis.changed-log", text=text, file=source)

@@ -127,7 +127,9 @@ def _check_order(order: DraftOrder) -> None:
 def _list_given(options: Mapping[str, object]) -> tuple[str, ...]:
     """Return the options that have a value; a flag that is not given is False, a table empty."""
     return tuple(
-        option for option, value in options.items() if not (value is None or value is False or value == {})
+        option
+        for option, value in options.items()
+        if not (value is None or value is False or (isinstance(value, Mapping) and not value))
     )
 
 
@@ -203,12 +205,13 @@ def _write(robot: Robot, assumed: Sequence[Notice]) -> str:
 
 
 def _list_texts(given: Numbers) -> list[str]:
-    match given:
+    plain: Numbers = given.tolist() if hasattr(given, "tolist") else given
+    match plain:
         case str():
-            return given.split(",")
+            return plain.split(",")
         case int() | float():
-            return [str(given)]
-    return [str(float(entry)) for entry in given]
+            return [str(plain)]
+    return [str(float(entry)) for entry in plain]
 
 
 def _split_numbers(option: str, given: Numbers | None) -> tuple[float, ...]:

@@ -14,7 +14,7 @@ from symid.codegen.model_card import build_model_card
 from symid.codegen.names import clean_text, find_prefix
 from symid.errors import EstimateError, Notice, RobotError, UsageError
 from symid.estimators.estimate import ParameterEstimate
-from symid.formats.c_values import write_c_values
+from symid.formats.c_values import PRECISIONS, write_c_values
 from symid.formats.json_values import build_json_values
 from symid.formats.locate import is_urdf
 from symid.formats.mjcf_writer import list_mjcf_omissions, write_mjcf
@@ -126,6 +126,9 @@ def check_format(path: Path, precision: str = "double", *, friction: bool = Fals
     if suffix not in KINDS:
         text = f"{path}: the format is unknown; give a name that ends in {', '.join(KINDS)}"
         raise UsageError(Notice(code="usage.suffix", text=text))
+    if precision not in PRECISIONS:
+        text = f"precision: expected one of {', '.join(PRECISIONS)}, got {precision!r}"
+        raise UsageError(Notice(code="usage.export-precision", text=text))
     if precision != "double" and suffix != ".h":
         text = f"--precision {precision}: only a C header has a precision; leave the option out"
         raise UsageError(Notice(code="usage.export-precision", text=text))

@@ -29,7 +29,7 @@ from symid.elastic.motor_side import (
 from symid.elastic.options import ElasticOptions
 from symid.elastic.route import choose_route
 from symid.elastic.settings import check_settings, cut_logs, find_asked_cutoff, list_unused_settings
-from symid.errors import Notice
+from symid.errors import Notice, UsageError
 from symid.estimators.estimate import Estimate
 from symid.formats.settings import describe_settings
 from symid.identification.estimator_options import (
@@ -90,6 +90,14 @@ class IdentifyTask:
     elastic: Mapping[str, object] = field(default_factory=dict)
     options: ElasticOptions | None = None
 
+    def __post_init__(self) -> None:
+        """Refuse an unknown estimator before a log is read.
+
+        Raises:
+            UsageError: there is no such estimator.
+        """
+        check_estimator(self.rigid.rows or "torque", self.rigid.estimator)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Identification:
@@ -126,8 +134,7 @@ def identify_robot(
         IdentifiabilityError: nothing can be learnt.
         SolverError: a search ended without a usable result.
     """
-    rows, estimator = task.rigid.rows or "torque", task.rigid.estimator
-    check_estimator(rows, estimator)
+    estimator = task.rigid.estimator
     if any(robot.elastic):
         refuse_loads(recordings, "a robot with elastic joints")
     elif estimator in SIMULATING:
@@ -136,6 +143,12 @@ def identify_robot(
     route = choose_route(robot, recordings, method=task.method, elastic=task.elastic, rigid=given)
     if route.kind == "elastic":
         return _identify_elastic(robot, recordings, route.method, task, workshop)
+    if task.options is not None:
+        text = (
+            f"elastic: options of elastic joints cannot be used with {robot.name!r}, identified as rigid; "
+            "leave them out"
+        )
+        raise UsageError(Notice(code="usage.mixed-options", text=text))
     window = task.elastic.get("window")
     options = replace(task.rigid, window=window if isinstance(window, int | float) else None)
     return _identify_rigid(robot, recordings, options, workshop, motor_side=route.kind == "motor-side")

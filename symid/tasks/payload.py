@@ -10,7 +10,7 @@ from os import PathLike
 from pathlib import Path
 
 from symid.codegen.library import Library
-from symid.data.logs import check_distinct, gather_recordings
+from symid.data.logs import check_distinct, check_distinct_samples, gather_recordings
 from symid.data.recording import Recording
 from symid.errors import EstimateError, Notice, UsageError
 from symid.estimators.estimate import ParameterEstimate
@@ -146,6 +146,7 @@ def _identify(robot: Robot, logs: Sequence[Path | Recording], task: PayloadTask)
         )
         raise UsageError(Notice(code="usage.payload-elastic", text=text, file=robot.path))
     recordings = gather_recordings(logs, robot)
+    check_distinct_samples(recordings)
     library = task.prepare()
     names = ", ".join(Path(entry.source).name for entry in recordings)
     task.progress(f"identifying {robot.name} from {names}")

@@ -15,7 +15,6 @@ from symid.codegen.library import Library
 from symid.data.alignment import Alignment
 from symid.data.logs import read_one_log
 from symid.data.recording import Recording
-from symid.data.runs import refuse_loads
 from symid.elastic.estimate import ElasticEstimate
 from symid.elastic.motor_side import build_motor_recording, build_rigid_estimate, build_rigid_variant
 from symid.elastic.settings import check_settings, cut_logs, find_asked_cutoff
@@ -235,7 +234,7 @@ def validate_rigid(
     """
     described = restore_robot(robot, estimate, pairs)
     found = build_rigid_estimate(estimate, described)
-    recording = build_motor_recording(_read(log, described), described)
+    recording = build_motor_recording(read_one_log(log, described), described)
     library = workshop.prepare(build_rigid_variant(described))
     check_model(found, library.card, file)
     workshop.progress(f"validating on {recording.source}")
@@ -249,14 +248,6 @@ def validate_rigid(
         residual = find_band_residual(predicted)
     notices = (*described.notices, *library.notices, *recording.notices, *validation.notices)
     return RigidTrial(robot=described, validation=validation, settled=settled, notices=notices, band=residual)
-
-
-def _read(log: Path | Recording, robot: Robot, alone: str = "") -> Recording:
-    if isinstance(log, Path):
-        return read_one_log(log, robot, alone)
-    if alone:
-        refuse_loads((log,), alone)
-    return log
 
 
 def validate_elastic(
@@ -290,7 +281,7 @@ def validate_elastic(
     """
     check_settings(pairs, "elastic")
     described = restore_robot(robot, estimate, pairs)
-    (recording,) = cut_logs((_read(log, described, "an elastic robot"),), described.processing)
+    (recording,) = cut_logs((read_one_log(log, described, "an elastic robot"),), described.processing)
     # A log with one position is refused before minutes go into a library.
     find_positions(recording)
     if tracking is not None:
@@ -434,7 +425,7 @@ def validate_friction_result(
     check_friction_robot(found, robot.name, file)
     unfolded, notices = _unfold(robot, found, str(log.source if isinstance(log, Recording) else log))
     described = restore_robot(robot, unfolded, pairs)
-    recording = build_motor_recording(_read(log, described, "a law of friction"), described)
+    recording = build_motor_recording(read_one_log(log, described, "a law of friction"), described)
     library = workshop.prepare(set_identified_friction(build_rigid_variant(described), found))
     check_friction_model(found, library.card, file)
     workshop.progress(f"validating on {recording.source}")

@@ -491,3 +491,11 @@ def test_what_is_only_worth_knowing_is_a_note(capsys, log):
 def test_one_base_parameter_is_one(capsys):
     assert run(["base", "emps", "-q"]) == 0
     assert "1 base parameter of" in capsys.readouterr().out
+
+
+def test_options_of_a_robot_that_was_not_named_are_refused(capsys, estimate, tmp_path):
+    page = tmp_path / "page.html"
+    code, answer = call_json(capsys, "report", estimate, "-o", page, "--backend", "python", "--base", "x")
+    assert (code, answer["errors"][0]["code"]) == (2, "usage.no-robot")
+    assert answer["errors"][0]["text"].startswith("--base, --backend cannot be used without --robot")
+    assert not page.exists()

@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +10,8 @@ import pytest
 import symid
 from symid.elastic.options import ElasticOptions
 from symid.json_text import write_json
+
+PROJECT = Path(__file__).parents[3]
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +50,16 @@ def test_numbers_of_numpy_are_numbers(robot, log, tmp_path):
     assert law.save(tmp_path / "law.json").exists()
     assert write_json(robot.simulate(duration=np.float32(0.5), seed=np.int64(3)).to_dict())
     assert write_json({"x": np.float32(0.5), "y": np.bool_(1)}) == write_json({"x": 0.5, "y": True})
+
+
+def test_torque_constants_may_be_an_array():
+    urdf = PROJECT / "docs/own_robot/arm.urdf"
+    joints = len(symid.load(urdf).joints)
+    texts = {
+        symid.new_robot(urdf=urdf, torque_constant=constant).text
+        for constant in (0.125, np.float64(0.125), np.full(joints, 0.125))
+    }
+    assert [text.count("torque_constant = 0.125") for text in texts] == [joints]
 
 
 def test_the_same_samples_are_not_counted_twice(robot, log):
