@@ -9,6 +9,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, final
 
+from symid.api.arguments import check_positive
 from symid.api.result import Progress, Result, ignore
 from symid.errors import Notice, UsageError
 
@@ -154,11 +155,12 @@ def compare_fit(
     from symid.formats.value_table import TableColumns
     from symid.tasks.compared import check_files, compare_with_estimate, compare_with_table, is_table
     from symid.tasks.compared_side import build_side
-    from symid.tasks.identified import find_estimate
+    from symid.tasks.identified import find_dynamics
 
     if not others:
         text = "nothing to compare with was given: name a fit, its file, or a table"
         raise UsageError(Notice(code="usage.no-other", text=text))
+    check_positive("gate", gate)
     files = [Path(entry) for entry in others if isinstance(entry, str | PathLike)]
     ours_file = [Path(estimate)] if isinstance(estimate, str | PathLike) else []
     check_files((*ours_file, *files), getattr(estimate, "file", None))
@@ -171,14 +173,14 @@ def compare_fit(
         )
         raise UsageError(Notice(code="usage.no-table", text=text))
     progress(f"finding the base parameters of {robot.name}")
-    ours = build_side(robot, *find_estimate(estimate))
+    ours = build_side(robot, *find_dynamics(estimate))
     percent = None if deviation_unit is None else deviation_unit == "percent"
     columns = TableColumns(name=name, value=value, deviation=deviation, percent=percent)
     readings = {"".join(group.split()): text for group, text in (read_as or {}).items()}
     found = tuple(
         compare_with_table(ours, Path(entry), columns, readings)
         if isinstance(entry, str | PathLike) and Path(entry) in tables
-        else compare_with_estimate(ours, build_side(robot, *find_estimate(entry)))
+        else compare_with_estimate(ours, build_side(robot, *find_dynamics(entry)))
         for entry in others
     )
     return Comparison(ours=ours, found=found, gate=gate)

@@ -38,7 +38,7 @@ if TYPE_CHECKING:  # these load NumPy
     from symid.report.verdict import Verdict
     from symid.tasks.validate import TrackingTask, Trial
 
-__all__ = ["ElasticFit", "Fit", "FrictionFit", "RigidFit", "find_estimate", "load_fit"]
+__all__ = ["ElasticFit", "Fit", "FrictionFit", "RigidFit", "load_fit", "take_estimate"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -46,6 +46,7 @@ class Fit(Result):
     """The result of an identification, of any kind.
 
     Attributes:
+        estimate: all that was found, and how.
         file: where it was read from; None for a fit of now.
         model: the robot, as it was loaded; None for a fit from a file that named none.
         progress: told what begins, where the robot is loaded by its name.
@@ -62,6 +63,7 @@ class Fit(Result):
         True
     """
 
+    estimate: "Estimate | ElasticEstimate | FrictionIdentification"
     file: Path | None = None
     model: RobotModel | None = None
     progress: Progress = ignore
@@ -69,9 +71,9 @@ class Fit(Result):
     extra: Mapping[str, object] = field(default_factory=dict)
 
     @property
-    @abstractmethod
     def product(self) -> "Estimate | ElasticEstimate | FrictionIdentification":
         """Return the estimate with all that was used to get it."""
+        return self.estimate
 
     @property
     @abstractmethod
@@ -328,9 +330,36 @@ class Fit(Result):
         return f"{self.product.robot}: {len(self)} parameters, mean relative residual {left:.4g} %"
 
 
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class _DynamicsFit(Fit):
+    """Parameters of the dynamics, with their covariance."""
+
+    estimate: "Estimate | ElasticEstimate"
+
+    @property
+    def parameters(self) -> "tuple[ParameterEstimate, ...]":
+        """Return the base and friction parameters that were found; of elastic joints rotor inertias too."""
+        return self.estimate.parameters
+
+    @property
+    def residual(self) -> "tuple[Residual, ...]":
+        """Return what the fit leaves of the logs it was fitted to, joint by joint."""
+        return self.estimate.residual
+
+    @property
+    def covariance(self) -> "FloatArray":
+        """Return the covariance of the parameters: (p, p); (0, 0) where the method has none."""
+        import numpy as np
+
+        from symid.arrays import freeze
+
+        rows = self.estimate.covariance
+        return freeze(np.array(rows, dtype=float).reshape(len(rows), len(rows)))
+
+
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class RigidFit(Fit):
+class RigidFit(_DynamicsFit):
     """Base parameters and friction of a robot whose joints are rigid, or taken as rigid.
 
     Attributes:
@@ -345,26 +374,6 @@ class RigidFit(Fit):
     """
 
     estimate: "Estimate"
-
-    @property
-    def product(self) -> "Estimate":
-        """Return the estimate with all that was used to get it."""
-        return self.estimate
-
-    @property
-    def parameters(self) -> "tuple[ParameterEstimate, ...]":
-        """Return the base and friction parameters that the logs tell."""
-        return self.estimate.parameters
-
-    @property
-    def residual(self) -> "tuple[Residual, ...]":
-        """Return what the fit leaves of the logs it was fitted to, joint by joint."""
-        return self.estimate.residual
-
-    @property
-    def covariance(self) -> "FloatArray":
-        """Return the covariance of the parameters, in their order: (p, p)."""
-        return _build_covariance(self.estimate.covariance)
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write the fit to `path` as JSON and return the path."""
@@ -456,7 +465,7 @@ class RigidFit(Fit):
 
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class ElasticFit(Fit):
+class ElasticFit(_DynamicsFit):
     """Dynamics, friction and springs with hysteresis of a robot whose joints are elastic.
 
     Attributes:
@@ -475,29 +484,9 @@ class ElasticFit(Fit):
     alignment: "Alignment | None" = None
 
     @property
-    def product(self) -> "ElasticEstimate":
-        """Return the estimate with all that was used to get it."""
-        return self.estimate
-
-    @property
-    def parameters(self) -> "tuple[ParameterEstimate, ...]":
-        """Return base parameters, rotor inertias and friction."""
-        return self.estimate.parameters
-
-    @property
     def springs(self) -> "tuple[SpringEstimate, ...]":
         """Return the spring of every joint; empty where the method gives none."""
         return self.estimate.springs
-
-    @property
-    def residual(self) -> "tuple[Residual, ...]":
-        """Return what dynamics and springs leave of the logs of the fit, joint by joint."""
-        return self.estimate.residual
-
-    @property
-    def covariance(self) -> "FloatArray":
-        """Return the covariance of the parameters: (p, p); (0, 0) where the method has none."""
-        return _build_covariance(self.estimate.covariance)
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write the fit to `path` as JSON and return the path."""
@@ -602,11 +591,6 @@ class FrictionFit(Fit):
     estimate: "FrictionIdentification"
 
     @property
-    def product(self) -> "FrictionIdentification":
-        """Return the laws with all that was used to get them."""
-        return self.estimate
-
-    @property
     def joints(self) -> "Mapping[str, JointFriction]":
         """Return what was found of every joint, by its name."""
         return {entry.joint: entry for entry in self.estimate.joints}
@@ -708,7 +692,7 @@ def load_fit(
     return RigidFit(estimate=read_estimate(file), file=file, model=robot, progress=progress)
 
 
-def find_estimate(fit: "Fit | str | PathLike[str] | None") -> "Estimate | Path | None":
+def take_estimate(fit: "Fit | str | PathLike[str] | None") -> "Estimate | Path | None":
     """Return an estimate of base parameters, or its file, as the rooms below take it.
 
     Raises:
@@ -734,17 +718,9 @@ def _load_named(name: str, progress: Progress) -> RobotModel:
             raise
         text = (
             f"the estimate was made with robot '{name}', which is not among the known robots; "
-            "name its file with --robot FILE.toml"
+            "name its file with --robot FILE.toml, or symid.load_fit(file, symid.load(robot_file))"
         )
         raise UsageError(replace(first, text=text)) from error
-
-
-def _build_covariance(rows: Sequence[Sequence[float]]) -> "FloatArray":
-    import numpy as np
-
-    from symid.arrays import freeze
-
-    return freeze(np.array(rows, dtype=float).reshape(len(rows), len(rows)))
 
 
 def _name(file: Path | None) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, final
 
 from symid.api.fit import ElasticFit, FrictionFit, RigidFit
-from symid.api.log import Logs, list_logs
+from symid.api.log import Logs, find_reader, list_logs
 from symid.api.result import Result
 from symid.errors import Notice
 
@@ -95,7 +95,7 @@ def _gather(
     from symid.formats.loading import override_settings
 
     given = list_logs(logs, pairs)
-    described = override_settings(robot.description, pairs, friction)
+    described = override_settings(find_reader(robot.description, logs), pairs, friction)
     return described, gather_fit_recordings(given, described)
 
 

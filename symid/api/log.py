@@ -6,7 +6,7 @@ Supported: csv, npz, mat, hdf5, and files (.toml) that list several runs.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, final
@@ -23,7 +23,17 @@ if TYPE_CHECKING:  # these load NumPy
     from symid.report.blocks import Block
     from symid.robot.description import Robot
 
-__all__ = ["Log", "LogLike", "Logs", "build_log", "find_log", "list_logs", "read_log", "read_logs"]
+__all__ = [
+    "Log",
+    "LogLike",
+    "Logs",
+    "build_log",
+    "find_log",
+    "find_reader",
+    "list_logs",
+    "read_log",
+    "read_logs",
+]
 
 
 @final
@@ -132,6 +142,21 @@ def list_logs(logs: Logs, pairs: Sequence[tuple[str, str]] = ()) -> "tuple[Path 
         text = f"{', '.join(late)}: the log was read before; read it again with a robot that has the setting"
         raise UsageError(Notice(code="usage.read-before", text=text))
     return tuple(entry.recording if isinstance(entry, Log) else Path(fspath(entry)) for entry in logs)
+
+
+def find_reader(robot: "Robot", logs: Logs) -> "Robot":
+    """Return the robot with the `[log]` map that said how logs were read, which a fit keeps.
+
+    Raises:
+        UsageError: logs were read with other maps than each other, or than files would be.
+    """
+    entries = (logs,) if isinstance(logs, str | PathLike | Log) else tuple(logs)
+    read = [entry.robot.log for entry in entries if isinstance(entry, Log)]
+    maps = [*read, *([robot.log] if len(read) < len(entries) else [])]
+    if any(other != maps[0] for other in maps):
+        text = "the logs were read with different [log] maps; read all of them with this robot"
+        raise UsageError(Notice(code="usage.read-before", text=text))
+    return replace(robot, log=maps[0]) if maps else robot
 
 
 def find_log(log: LogLike, pairs: Sequence[tuple[str, str]] = ()) -> "Path | Recording":

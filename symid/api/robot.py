@@ -17,6 +17,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeVar, final
 
+from symid.api.arguments import check_choice, check_count, check_positive
 from symid.api.base import BaseForm, BaseSet, find_base_set
 from symid.api.result import Progress, ignore
 from symid.errors import Notice
@@ -667,6 +668,7 @@ class RobotModel:
             >>> found.condition < found.product.random_condition
             True
         """
+        check_count("seed", seed)
         from symid.api.excitation import find_workspace, list_numbers, search_trajectory
         from symid.excitation.fourier import SeriesOptions
         from symid.excitation.limits import LimitOptions
@@ -728,6 +730,9 @@ class RobotModel:
             ((501, 2), (501, 2))
         """
         from symid.api.simulation import simulate_experiment
+
+        check_count("seed", seed)
+        check_positive("noise", noise, zero=True)
         from symid.simulation.simulated_log import StatedSensors
 
         sensors = StatedSensors(clean=clean, noise=noise, delay=delay, offset=offset)
@@ -781,6 +786,9 @@ class RobotModel:
         """
         from symid.api.payload import find_model_payload
 
+        check_positive("mass", mass)
+        check_choice("rows", rows, ("torque", "momentum"))
+        check_choice("estimator", estimator, ("ols", "wls"))
         return find_model_payload(self, loaded, empty, joint=joint, mass=mass, rows=rows, estimator=estimator)
 
     def export(self, path: str | PathLike[str], *, precision: "Precision" = "double") -> "ExportedFile":
@@ -822,9 +830,9 @@ class RobotModel:
             >>> [method.method for method in study.product.methods]
             ['wls', 'momentum', 'consistent']
         """
-        from symid.api.studies import run_precision
+        from symid.api.studies import list_seeds, run_precision
 
-        return run_precision(self, range(seed, seed + seeds), jobs)
+        return run_precision(self, list_seeds(seeds, seed), jobs)
 
     def study_cutoff(self, log: "LogLike") -> "Study[CutoffStudy]":
         """Show what the cut-off of the position filter does to what a fit predicts.
@@ -866,9 +874,9 @@ class RobotModel:
             >>> robot = symid.load("two_link_elastic")
             >>> study = robot.study_elastic(seeds=1)  # doctest: +SKIP
         """
-        from symid.api.studies import run_elastic
+        from symid.api.studies import list_seeds, run_elastic
 
-        return run_elastic(self, range(seed, seed + seeds), jobs, timed=timed)
+        return run_elastic(self, list_seeds(seeds, seed), jobs, timed=timed)
 
     def study_tracking(
         self, *, seeds: int = 20, seed: int = 1, jobs: int | None = None
@@ -888,9 +896,9 @@ class RobotModel:
             >>> robot = symid.load("two_link_elastic")
             >>> study = robot.study_tracking(seeds=1)  # doctest: +SKIP
         """
-        from symid.api.studies import run_tracking
+        from symid.api.studies import list_seeds, run_tracking
 
-        return run_tracking(self, range(seed, seed + seeds), jobs)
+        return run_tracking(self, list_seeds(seeds, seed), jobs)
 
     def study_six_joints(self, *, seeds: int = 1, seed: int = 1) -> "Study[tuple[ManyJointsResult, ...]]":
         """Judge the dynamics of an elastic arm of any number of joints on a held-out motion.
@@ -907,9 +915,9 @@ class RobotModel:
             >>> robot = symid.load("puma560_elastic")
             >>> study = robot.study_six_joints()  # doctest: +SKIP
         """
-        from symid.api.studies import run_six_joints
+        from symid.api.studies import list_seeds, run_six_joints
 
-        return run_six_joints(self, range(seed, seed + seeds))
+        return run_six_joints(self, list_seeds(seeds, seed))
 
 
 def load(
@@ -1000,6 +1008,6 @@ def _find_prior(prior: "Fit | str | PathLike[str] | None") -> "Estimate | Path |
 
 
 def _find_known(fit: "Fit | str | PathLike[str] | None") -> "Estimate | Path | None":
-    from symid.api.fit import find_estimate
+    from symid.api.fit import take_estimate
 
-    return find_estimate(fit)
+    return take_estimate(fit)

@@ -9,6 +9,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar, final
 
+from symid.api.arguments import check_count
 from symid.api.log import LogLike, find_log
 from symid.api.result import Progress, Result, ignore
 from symid.errors import Notice
@@ -26,6 +27,7 @@ if TYPE_CHECKING:  # these load NumPy
 __all__ = [
     "FrictionTables",
     "Study",
+    "list_seeds",
     "run_cutoff",
     "run_elastic",
     "run_precision",
@@ -87,6 +89,17 @@ def _count(progress: Progress) -> Callable[[int, int], None]:
         progress(f"{done} of {whole}")
 
     return tell
+
+
+def list_seeds(seeds: int, seed: int) -> range:
+    """Return so many seeds from the first one on.
+
+    Raises:
+        UsageError: there is none, or the first one is negative.
+    """
+    check_count("seeds", seeds, least=1)
+    check_count("seed", seed)
+    return range(seed, seed + seeds)
 
 
 def run_precision(model: "RobotModel", seeds: range, jobs: int | None) -> "Study[PrecisionStudy]":
@@ -258,5 +271,5 @@ def study_friction_tables(
     from symid.study.friction_study import study_friction
 
     progress("all estimators on one data set")
-    numbers = range(seed, seed + seeds)
+    numbers = list_seeds(seeds, seed)
     return FrictionTables(product=study_friction(numbers, jobs=jobs, timed=timed, progress=_count(progress)))

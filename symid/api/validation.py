@@ -6,6 +6,7 @@ Input: a trial. Output: `LogValidation`.
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, final
 
+from symid.api.arguments import check_positive
 from symid.api.figures import Figures
 from symid.api.result import Result
 from symid.errors import Notice
@@ -38,6 +39,14 @@ class LogValidation(Result):
 
     product: "Trial"
     gate: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a gate that is no positive number.
+
+        Raises:
+            UsageError: it is none.
+        """
+        check_positive("gate", self.gate)
 
     @property
     def source(self) -> str:

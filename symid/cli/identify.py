@@ -75,7 +75,8 @@ def command(
     _check_mixed(rows, {"method": method, **elastic, **rigid}, law)
     shared = {key: value for key, value in further.items() if key not in (*RIGID, *ELASTIC, *FRICTION)}
     shared["settings"] = split_settings(settings)
-    model = robot.load(console)
+    # A setting that cannot be made is refused before anything else.
+    model = robot.load(console, settings=shared["settings"], friction=shared["friction"])
     check_output(output, force=force, inputs=(model.path, *logs))
     if rows == _LAWS:
         laws = model.identify_friction(logs, estimator=estimator, period=period, **law, **shared)

@@ -71,8 +71,12 @@ class CodeOrder:
         if self.options.friction_laws and self.target != "c":
             text = f"friction laws are written in C only; leave them out for target {self.target!r}"
             raise UsageError(Notice(code="usage.friction-laws", text=text))
-        if self.options.precision != "double" and self.target == "casadi":
-            text = f"CasADi computes in double precision; leave out {self.options.precision!r}"
+        plain = GenerateOptions()
+        given = [
+            key for key in ("precision", "trigonometry") if getattr(self.options, key) != getattr(plain, key)
+        ]
+        if given and self.target != "c":
+            text = f"{', '.join(given)}: only C has the choice; leave it out for target {self.target!r}"
             raise UsageError(Notice(code="usage.precision", text=text))
 
 

@@ -4,7 +4,7 @@ Input: paths of logs or of files that list runs, or recordings. Output: recordin
 """
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,18 +13,23 @@ from symid.data.recording import Recording
 from symid.data.runs import check_one_payload, describe_runs, list_files, read_log_runs, refuse_loads
 from symid.errors import LogError, Notice, UsageError
 from symid.formats.settings import describe_settings
-from symid.provenance import find_file_digest
+from symid.provenance import find_file_digest, find_signature
 from symid.robot.description import Robot
 
 __all__ = [
+    "IN_MEMORY",
     "check_distinct",
     "check_distinct_samples",
     "describe_logs",
     "find_digests",
     "gather_fit_recordings",
     "gather_recordings",
+    "is_fitted",
     "read_one_log",
 ]
+
+IN_MEMORY = "samples:"
+"""What the digest of a log begins with that was made in memory, and is no file."""
 
 
 def read_one_log(log: Path | Recording, robot: Robot, alone: str = "") -> Recording:
@@ -65,8 +70,29 @@ def check_distinct(paths: Sequence[Path]) -> None:
 
 
 def find_digests(recordings: Sequence[Recording]) -> list[str]:
-    """Return the digests of the files behind recordings, empty for one that is no file."""
-    return [find_file_digest(recording.source) for recording in recordings]
+    """Return the digests of the files behind recordings; of torques, marked so, where there is none."""
+    return [
+        find_file_digest(entry.source) or f"{IN_MEMORY}{find_signature(entry.torque)}" for entry in recordings
+    ]
+
+
+def is_fitted(recording: Recording, sources: Sequence[str], settings: Mapping[str, object]) -> bool:
+    """Return whether a recording is one of the logs of a fit, by its content or by its file.
+
+    Args:
+        recording: the log.
+        sources: of the fit.
+        settings: of the fit; their "log_digests" are those of `find_digests`.
+    """
+    if not recording.source:
+        return False
+    stored = settings.get("log_digests")
+    known = [str(digest) for digest in stored if digest] if isinstance(stored, list | tuple) else []
+    if find_digests((recording,))[0] in known:
+        return True
+    # Logs that were made in memory may have the same name; only their content tells.
+    named = Path(recording.source).resolve() in {Path(source).resolve() for source in sources}
+    return named and (not known or os.path.isfile(recording.source))  # noqa: PTH113
 
 
 def describe_logs(robot: Robot, recordings: Sequence[Recording]) -> dict[str, object]:

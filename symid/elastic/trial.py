@@ -14,13 +14,13 @@ Not supported: one encoder only.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from symid.arrays import FloatArray, freeze
 from symid.codegen.library import Library
+from symid.data.logs import is_fitted
 from symid.data.recording import Recording
 from symid.elastic.estimate import ElasticEstimate
 from symid.elastic.filtered import FilteredRows, build_filtered_rows, filter_smooth
@@ -30,7 +30,6 @@ from symid.elastic.signals import ElasticSignals, prepare_elastic_signals
 from symid.errors import EstimateError, Notice, UsageError
 from symid.estimators.estimate import Residual
 from symid.joint.plays import find_hysteresis_torque
-from symid.provenance import find_file_digest
 from symid.robot.elasticity import Elasticity
 
 __all__ = ["ElasticTrial", "JointTrial", "predict_trial", "try_estimate"]
@@ -129,7 +128,7 @@ def try_estimate(
         initial=initial,
         told=[spring.told for spring in estimate.springs],
         truth=[spring.truth for spring in estimate.springs],
-        fitted=_is_fitted(estimate, recording.source),
+        fitted=is_fitted(recording, estimate.sources, estimate.settings),
     )
 
 
@@ -140,17 +139,6 @@ def _read_options(estimate: ElasticEstimate) -> ElasticOptions:
     except (TypeError, UsageError) as error:
         text = f"its settings cannot be used: {error}; identify again"
         raise EstimateError(Notice(code="estimate.settings", text=text)) from error
-
-
-def _is_fitted(estimate: ElasticEstimate, source: str) -> bool:
-    """Return whether `source` is one of the estimate's logs, by its path or by its content."""
-    if not source:
-        return False
-    if Path(source).resolve() in {Path(known).resolve() for known in estimate.sources}:
-        return True
-    known = estimate.settings.get("log_digests", ())
-    digest = find_file_digest(source)
-    return bool(digest) and isinstance(known, Sequence) and digest in known
 
 
 def predict_trial(

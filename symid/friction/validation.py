@@ -13,7 +13,6 @@ Not supported: mean periods; the rows of the log are taken one by one.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray
 from symid.codegen.functions import ModelCard
 from symid.codegen.library import Library
+from symid.data.logs import is_fitted
 from symid.data.recording import Recording, Signals
 from symid.errors import EstimateError, IdentifiabilityError, Notice
 from symid.estimators.estimate import Residual, Series, Validation
@@ -32,7 +32,6 @@ from symid.friction.samples import FrictionSamples
 from symid.friction.selection import predict_rows
 from symid.joint.friction_law import FrictionLaw
 from symid.joint.friction_laws import get_law
-from symid.provenance import find_file_digest
 from symid.robot.log_map import Processing
 
 __all__ = ["check_friction_model", "check_friction_robot", "find_known", "validate_friction"]
@@ -77,7 +76,7 @@ def validate_friction(
             lost += error.notices
     if not trials:
         raise IdentifiabilityError(*lost)
-    fitted = _is_fitted(found, recording.source)
+    fitted = is_fitted(recording, found.sources, found.settings)
     return Validation(
         robot=found.robot,
         signature=found.signature,
@@ -359,16 +358,6 @@ def _find_far(rows: FrictionRows, entry: JointFriction) -> NDArray[np.bool_]:
 def _leave_out(joint: str, reason: str) -> IdentifiabilityError:
     text = f"joint {joint!r} cannot be validated: {reason}"
     return IdentifiabilityError(Notice(code="validate.friction-joint", text=text))
-
-
-def _is_fitted(found: FrictionIdentification, source: str) -> bool:
-    """Return whether `source` is one of the fitted logs, by its path or by its content."""
-    if not source:
-        return False
-    known = found.settings.get("log_digests")
-    digest = find_file_digest(source)
-    same = Path(source).resolve() in {Path(entry).resolve() for entry in found.sources}
-    return same or (bool(digest) and isinstance(known, Sequence) and digest in known)
 
 
 def _say_fitted(source: str) -> Notice:

@@ -6,20 +6,17 @@ Supported: torque rows (the default), and momentum and energy rows.
 Not supported: a log with other joints, or a model other than the estimate's.
 """
 
-from collections.abc import Sequence
-from pathlib import Path
-
 import numpy as np
 
 from symid.arrays import FloatArray
 from symid.codegen.functions import ModelCard
 from symid.codegen.library import Library
+from symid.data.logs import is_fitted
 from symid.data.recording import Recording
 from symid.errors import EstimateError, Notice
 from symid.estimators.estimate import Estimate, Series, Validation
 from symid.estimators.statistics import find_residuals
 from symid.identification.fitted_processing import settle_as_fitted
-from symid.provenance import find_file_digest
 from symid.robot.log_map import Processing
 from symid.rows.preparation import prepare_rows
 from symid.rows.rows import WINDOW, Rows
@@ -54,7 +51,7 @@ def validate_estimate(
         IdentifiabilityError: no joint moves in it.
     """
     check_model(estimate, library.card)
-    fitted = _is_fitted(estimate, recording.source)
+    fitted = is_fitted(recording, estimate.sources, estimate.settings)
     settled = settle_as_fitted(estimate, processing, recording)
     built = prepare_rows(rows, library, recording, settled.processing, window=window, overlap=overlap)
     predicted = built.matrix @ estimate.assemble(built.names)
@@ -114,17 +111,6 @@ def _check_names(estimate: Estimate, card: ModelCard, file: str) -> None:
             f"its parameters are not those of the model {card.robot!r}: {', '.join(problems)}; identify again"
         )
         raise EstimateError(Notice(code="estimate.parameters", text=text, file=file))
-
-
-def _is_fitted(estimate: Estimate, source: str) -> bool:
-    """Return whether `source` is one of the estimate's logs, by its path or by its content."""
-    if not source:
-        return False
-    if Path(source).resolve() in {Path(known).resolve() for known in estimate.sources}:
-        return True
-    known = estimate.settings.get("log_digests", ())
-    digest = find_file_digest(source)
-    return bool(digest) and isinstance(known, Sequence) and digest in known
 
 
 def _say_fitted(source: str) -> Notice:

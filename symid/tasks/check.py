@@ -7,6 +7,7 @@ time stamps -> even times -> quantities -> signs, order, delay -> what the motio
 Supported: logs with uneven time stamps; rigid joints. Of elastic joints the quantities alone are looked at.
 """
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,7 +21,7 @@ from symid.data.resampling import make_even, resample_log
 from symid.data.summary import JointSummary, summarise_joints
 from symid.data.timing import Timing, describe_timing, find_timing
 from symid.data.writers import write_log
-from symid.errors import IdentifiabilityError, Notice
+from symid.errors import IdentifiabilityError, Notice, UsageError
 from symid.logcheck.log_check import LogCheck, check_logs
 from symid.logcheck.log_excitation import Excitation
 from symid.robot.description import Robot
@@ -101,6 +102,9 @@ def check_robot_logs(
 def _write_even(log: Path | Recording, robot: Robot, output: Path) -> tuple[Path, Notice]:
     """Write an evenly sampled copy of a log with its own columns, and say what was done."""
     source = log if isinstance(log, Path) else Path(log.source)
+    if isinstance(log, Recording) and not os.path.isfile(source):  # noqa: PTH113  any text may stand there
+        text = "an evenly sampled copy is made of a log's file, and this log has none; save it first"
+        raise UsageError(Notice(code="usage.no-file", text=text, file=log.source))
     copy, notice = resample_log(read_raw(source), robot, str(source))
     return write_log(copy, output), notice
 

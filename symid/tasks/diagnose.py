@@ -5,6 +5,7 @@ Input: a robot, an estimate. Output: `Diagnosis`.
 
 from dataclasses import replace
 
+from symid.data.logs import IN_MEMORY
 from symid.data.runs import read_recorded_runs
 from symid.elastic.motor_side import build_motor_recording, build_rigid_estimate, build_rigid_variant
 from symid.errors import LogError, Notice
@@ -56,7 +57,7 @@ def _check_files(estimate: Estimate) -> None:
     notices = [
         Notice(code="diagnosis.no-file", text=text, file=source)
         for source, digest in zip(estimate.sources, _list_digests(estimate), strict=False)
-        if not digest
+        if not digest or str(digest).startswith(IN_MEMORY)
     ]
     if notices:
         raise LogError(*notices)

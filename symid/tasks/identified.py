@@ -31,7 +31,7 @@ __all__ = [
     "Identified",
     "build_identified",
     "build_robot",
-    "find_estimate",
+    "find_dynamics",
     "find_result",
     "is_friction",
     "list_warnings",
@@ -108,7 +108,7 @@ def _name_source(sources: Sequence[str]) -> Path:
     return Path(f"fit of {', '.join(Path(source).name for source in sources)}")
 
 
-def find_estimate(given: GivenResult) -> tuple[Estimate | ElasticEstimate, Path]:
+def find_dynamics(given: GivenResult) -> tuple[Estimate | ElasticEstimate, Path]:
     """Return the estimate, rigid or elastic, and where it is from.
 
     Raises:

@@ -20,7 +20,7 @@ from symid.parameters.base import BaseParameters, find_base_parameters
 from symid.parameters.payload import Payload, find_payload
 from symid.parameters.payload_equations import BaseValues, build_base_values
 from symid.robot.description import Robot
-from symid.tasks.identified import GivenResult, build_identified, find_estimate
+from symid.tasks.identified import GivenResult, build_identified, find_dynamics
 
 __all__ = ["GivenSide", "PayloadFinding", "PayloadTask", "find_carried"]
 
@@ -103,7 +103,7 @@ def _read_side(name: str, robot: Robot, given: GivenSide, task: PayloadTask) -> 
         )
         raise UsageError(Notice(code="usage.payload-inputs", text=text))
     else:
-        found = build_identified(robot, *find_estimate(estimates[0]))
+        found = build_identified(robot, *find_dynamics(estimates[0]))
         values = _build_values(found.values, found.covariance)
         notices = (*found.robot.notices, *found.notices)
         side = _Side(robot=found.robot, base=found.base, values=values, notices=notices)

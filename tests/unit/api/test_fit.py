@@ -162,3 +162,11 @@ def test_a_robot_that_is_not_known_by_name_is_asked_for(fit, tmp_path, logs):
     path = dataclasses.replace(fit, estimate=other).save(tmp_path / "fit.json")
     with pytest.raises(symid.UsageError, match="--robot"):
         symid.load_fit(path).validate(logs[1])
+
+
+def test_another_log_of_the_same_name_is_no_log_of_the_fit(robot):
+    first, second = (robot.simulate(seed=seed, duration=4.0).log for seed in (1, 2))
+    assert first.source == second.source
+    fit = robot.identify(first)
+    assert "validate.fitted-log" in {note.code for note in fit.validate(first).notices}
+    assert "validate.fitted-log" not in {note.code for note in fit.validate(second).notices}

@@ -145,3 +145,52 @@ def test_robots_and_fits_are_copied_and_pickled_after_use(robot, fit, log):
         assert again.values == fit.values
         assert again.validate(log).mean_relative_percent == fit.validate(log).mean_relative_percent
     assert pickle.loads(pickle.dumps(robot)).library.backend == robot.library.backend  # noqa: S301
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda robot: robot.simulate(seed=-1),
+        lambda robot: robot.simulate(noise=[0.1, 0.2]),
+        lambda robot: robot.excite(seed=-1),
+        lambda robot: robot.study_precision(seeds=0),
+        lambda robot: robot.payload("a.npz", "b.npz", rows="power"),
+        lambda robot: robot.payload("a.npz", "b.npz", estimator="gls"),
+        lambda robot: robot.payload("a.npz", "b.npz", mass=float("inf")),
+    ],
+)
+def test_arguments_out_of_range_say_what_was_allowed(call):
+    with pytest.raises(symid.UsageError) as caught:
+        call(symid.load("two_link"))
+    assert caught.value.notices[0].code == "usage.range"
+
+
+def test_what_only_c_has_is_refused_for_other_targets(tmp_path):
+    for option in ({"precision": "float"}, {"trigonometry": "library"}):
+        with pytest.raises(symid.UsageError) as caught:
+            symid.load("two_link").write("python", tmp_path / "code", **option)
+        assert caught.value.notices[0].code == "usage.precision"
+
+
+def test_a_log_keeps_the_map_that_it_was_read_with(tmp_path):
+    robot = symid.load("two_link")
+    path = robot.simulate(seed=1, duration=3.0).save(tmp_path / "a.npz")
+    columns = {"log.torque.columns": "tau", "log.torque.unit": "mN m"}
+    other = robot.override(settings=columns)
+    log = symid.read_log(path, other)
+    fit = robot.identify(log)
+    assert fit.settings["log"]["torque"]["unit"] == "mN m"
+    assert fit.validate(path).mean_relative_percent == pytest.approx(
+        fit.validate(log).mean_relative_percent, rel=1e-12
+    )
+    with pytest.raises(symid.UsageError) as caught:
+        robot.identify([log, symid.read_log(path, robot)])
+    assert caught.value.notices[0].code == "usage.read-before"
+
+
+def test_a_copy_of_a_log_without_a_file_is_refused(tmp_path):
+    robot = symid.load("two_link")
+    log = robot.simulate(duration=2.0).log
+    with pytest.raises(symid.UsageError) as caught:
+        robot.check(log, resample=tmp_path / "even.npz")
+    assert caught.value.notices[0].code == "usage.no-file"
