@@ -1,4 +1,4 @@
-"""The base parameters of a robot: all that its motions and torques can tell, exactly, with reasons.
+"""The base parameters of a robot: all that its motions and torques identify, exactly, with reasons.
 
 Input: a robot. Output: `BaseSet`.
 """

@@ -27,7 +27,7 @@ __all__ = ["RobotCheck", "check_robot"]
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class RobotCheck(Result):
-    """What a robot file says, and what logs can tell of the robot; `errors` where that is too little.
+    """What a robot file says, and which parameters logs identify; `errors` where that is too little.
 
     Attributes:
         robot: the robot, whose file has no mistakes.
@@ -91,7 +91,7 @@ class RobotCheck(Result):
 def check_robot(
     robot: "RobotModel", logs: Sequence[LogLike], *, resample: str | PathLike[str] | None = None
 ) -> RobotCheck:
-    """Return what `logs` can tell of `robot`; see `RobotModel.check`."""
+    """Return what is found in `logs` of `robot`; see `RobotModel.check`."""
     from symid.tasks.check import LogsCheck, check_robot_logs
 
     if resample is not None and len(logs) != 1:

@@ -73,14 +73,14 @@ class PayloadResult(Result):
 
     @property
     def com(self) -> "FloatArray":
-        """Return the centre of mass in m: (3,), NaN where it is not told."""
+        """Return the centre of mass in m: (3,), NaN where it is not identifiable."""
         import numpy as np
 
         return np.array(self._list_values("cx", "cy", "cz"))
 
     @property
     def inertia(self) -> "FloatArray":
-        """Return the inertia about the centre of mass in kg m^2: (3, 3), NaN where it is not told."""
+        """Return the inertia about the centre of mass in kg m^2: (3, 3), NaN where it is not identifiable."""
         import numpy as np
 
         xx, xy, xz, yy, yz, zz = self._list_values("Jxx", "Jxy", "Jxz", "Jyy", "Jyz", "Jzz")
@@ -93,7 +93,7 @@ class PayloadResult(Result):
 
     @property
     def notices(self) -> tuple[Notice, ...]:
-        """Return what speaks against it: what is not told, what else changed between both sides."""
+        """Return what speaks against it: what is not identifiable, what else changed between both sides."""
         from symid.report.payload_text import warn_payload
 
         return tuple(dict.fromkeys((*self.product.notices, *warn_payload(self.payload))))
@@ -103,7 +103,7 @@ class PayloadResult(Result):
         return f"{self.product.robot.name}: {self.mass:.4g} kg on the link of joint {self.joint!r}"
 
     def blocks(self) -> "tuple[Block, ...]":
-        """Return the table of what is told, and what is refused, with the reasons."""
+        """Return the table of what was identified, and what was refused, with the reasons."""
         from symid.report.payload_text import show_payload
 
         return show_payload(self.product.robot, self.payload)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:  # a program that prints nothing does without
 __all__ = ["Progress", "Result", "ignore"]
 
 Progress = Callable[[str], None]
-"""Is told in a few words what begins now."""
+"""Called with a short text on what begins now."""
 
 
 def ignore(text: str) -> None:

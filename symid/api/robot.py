@@ -106,7 +106,7 @@ class RobotModel:
     Attributes:
         description: joints, placements, drives, friction, springs, log map, as read and overridden.
         backend: what computes its functions: "auto" (compiled C, else NumPy), "c", "python" or "casadi".
-        progress: told in a few words what begins; says nothing by default, `print` is a good choice.
+        progress: called with a short text on what begins; does nothing by default, `print` is a good choice.
 
     Example:
         >>> import symid
@@ -192,7 +192,7 @@ class RobotModel:
 
     @cached_property
     def base(self) -> BaseSet:
-        """Return the base parameters: all that the robot's motions and torques can tell.
+        """Return the base parameters: all that the robot's motions and torques identify.
 
         Example:
             >>> import symid
@@ -202,7 +202,7 @@ class RobotModel:
         return find_base_set(self.description)
 
     def find_base(self, form: BaseForm = "torque") -> BaseSet:
-        """Return what the torques, the energies, the momentum, or torques at rest ("gravity") can tell.
+        """Return what the torques, the energies, the momentum, or torques at rest ("gravity") identify.
 
         Args:
             form: "torque", "energy", "momentum" or "gravity".
@@ -362,7 +362,7 @@ class RobotModel:
     # Logs.
 
     def check(self, *logs: "LogLike", resample: str | PathLike[str] | None = None) -> "RobotCheck":
-        """Return what the robot file says and what logs can tell of the robot.
+        """Return what the robot file says and which parameters logs identify.
 
         Looked at are time stamps, units, steps and limits; with the dynamics also signs, exchanged joints,
         delays, and which parameters are identifiable from all logs together.
@@ -390,7 +390,7 @@ class RobotModel:
 
     @property
     def workshop(self) -> "Workshop":
-        """Return what long work in the rooms below needs: compiled functions, and who is told of progress."""
+        """Return what long work in the rooms below needs: compiled functions, and a callable for progress."""
         from symid.tasks.identify import Workshop
 
         return Workshop(prepare=self._prepare, progress=self.progress)

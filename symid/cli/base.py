@@ -24,10 +24,10 @@ __all__ = ["command"]
 )
 @verb
 def command(console: Console, *, robot: NamedRobot, friction: str | None, form: BaseForm) -> Answer:
-    """Show the base parameters: all that a robot's motions and torques can tell.
+    """Show the base parameters: all that a robot's motions and torques identify.
 
     For each its name, what it groups, and why; then those that were eliminated. With --of only
-    what the energies, the momentum or a static test can tell.
+    what the energies, the momentum or a static test identify.
     """
     model = robot.load(console, friction=friction)
     console.progress(f"finding the base parameters of {model.name}")

@@ -1,4 +1,4 @@
-"""`symid check ROBOT [LOG...]`: is the robot file right, and what the logs can tell of the robot."""
+"""`symid check ROBOT [LOG...]`: is the robot file right, and which parameters the logs identify."""
 
 from pathlib import Path
 
@@ -47,7 +47,7 @@ def command(
     resample: Path | None,
     force: bool,
 ) -> Answer:
-    """Check a robot file, and what logs can tell of the robot.
+    """Check a robot file, and which parameters logs identify.
 
     All that is wrong is said at once, each with its file, line and column: exit code 3. What is odd in a
     log is a warning that says what to do: time stamps, units, signs, exchanged joints, delays, motion that

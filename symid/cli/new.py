@@ -121,7 +121,7 @@ def command(
     """Write a commented robot file, to be completed by hand.
 
     It comes from a URDF, from a table of Denavit-Hartenberg rows, or from a robot that is at hand. With
-    --log it says which column of a log is what; what was taken for granted is told, and stands in the file.
+    --log it says which column of a log is what; assumptions are printed, and stand in the file.
     """
     _check_suffix(file)
     check_output(file, force=force, inputs=[entry for entry in (urdf, table, log) if entry is not None])

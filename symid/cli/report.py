@@ -38,7 +38,7 @@ __all__ = ["command"]
     "--diagnose",
     is_flag=True,
     group=METHOD,
-    help="Read the logs of the fit again: what they can tell, essential parameters, bootstrap, drift, and "
+    help="Read the logs of the fit again: identifiability, essential parameters, bootstrap, drift, and "
     "which term the residual misses.",
 )
 @robot_option("Robot of the logs.  [default: the name in ESTIMATE]")

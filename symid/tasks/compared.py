@@ -149,7 +149,7 @@ def check_files(paths: Sequence[Path], source: Path | None = None) -> None:
 
     Raises:
         UsageError: the same file is given twice.
-        EstimateError: some are not there, all are told.
+        EstimateError: some are not there; all are named.
     """
     notices = []
     for path in paths:

@@ -65,7 +65,7 @@ class Workshop:
 
     Args:
         prepare: returns the compiled functions of a robot.
-        progress: is told in a few words what begins.
+        progress: called with a short text on what begins.
     """
 
     prepare: Callable[[Robot], Library]

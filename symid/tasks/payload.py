@@ -36,7 +36,7 @@ class PayloadTask:
         joint: whose link carries the payload, None for the last one; mass: kg, where a balance told it.
         rows: of logs: how measurements become equations; estimator: how equations become parameters.
         prepare: returns the robot's compiled functions.
-        progress: is told in a few words what begins.
+        progress: called with a short text on what begins.
     """
 
     joint: str | None
