@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, Protocol, final, runtime_checkable
 
 from symid.api.result import Result
 from symid.errors import LogError, Notice, UsageError
@@ -26,6 +26,7 @@ if TYPE_CHECKING:  # these load NumPy
 __all__ = [
     "Log",
     "LogLike",
+    "Logged",
     "Logs",
     "build_log",
     "find_log",
@@ -118,8 +119,18 @@ class Log(Result):
         return describe_log(self.recording, find_timing(self.time), summary)
 
 
-LogLike = str | PathLike[str] | Log
-"""A file, or a log that was read."""
+@runtime_checkable
+class Logged(Protocol):
+    """What has a log, such as a simulated experiment."""
+
+    @property
+    def log(self) -> Log:
+        """Return the log."""
+        ...
+
+
+LogLike = str | PathLike[str] | Log | Logged
+"""A file, a log that was read, or what has one."""
 Logs = LogLike | Sequence[LogLike]
 """One log or several."""
 
@@ -134,14 +145,19 @@ def list_logs(logs: Logs, pairs: Sequence[tuple[str, str]] = ()) -> "tuple[Path 
     Raises:
         UsageError: a setting says how to read a log that was read before.
     """
-    if isinstance(logs, str | PathLike | Log):
-        logs = (logs,)
-    logs = tuple(logs)
+    entries = _split(logs)
     late = [key for key, _ in pairs if key.startswith("log.")]
-    if late and any(isinstance(entry, Log) for entry in logs):
+    if late and any(isinstance(entry, Log) for entry in entries):
         text = f"{', '.join(late)}: the log was read before; read it again with a robot that has the setting"
         raise UsageError(Notice(code="usage.read-before", text=text))
-    return tuple(entry.recording if isinstance(entry, Log) else Path(fspath(entry)) for entry in logs)
+    return tuple(entry.recording if isinstance(entry, Log) else entry for entry in entries)
+
+
+def _split(logs: Logs) -> tuple[Path | Log, ...]:
+    """Return files and logs, each by itself."""
+    given = (logs,) if isinstance(logs, str | PathLike | Log | Logged) else tuple(logs)
+    found = (entry.log if isinstance(entry, Logged) else entry for entry in given)
+    return tuple(entry if isinstance(entry, Log) else Path(fspath(entry)) for entry in found)
 
 
 def find_reader(robot: "Robot", logs: Logs) -> "Robot":
@@ -150,7 +166,7 @@ def find_reader(robot: "Robot", logs: Logs) -> "Robot":
     Raises:
         UsageError: logs were read with other maps than each other, or than files would be.
     """
-    entries = (logs,) if isinstance(logs, str | PathLike | Log) else tuple(logs)
+    entries = _split(logs)
     read = [entry.robot.log for entry in entries if isinstance(entry, Log)]
     maps = [*read, *([robot.log] if len(read) < len(entries) else [])]
     if any(other != maps[0] for other in maps):

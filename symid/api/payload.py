@@ -9,7 +9,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias, final
 
-from symid.api.log import Log, LogLike
+from symid.api.log import Log, Logged, LogLike
 from symid.api.result import Result
 from symid.errors import Notice
 
@@ -153,4 +153,5 @@ def find_model_payload(
 
 def _list_given(side: PayloadSide) -> "GivenSide":
     entries = side if isinstance(side, Sequence) and not isinstance(side, str) else (side,)
-    return tuple(entry.recording if isinstance(entry, Log) else entry for entry in entries)
+    found = (entry.log if isinstance(entry, Logged) else entry for entry in entries)
+    return tuple(entry.recording if isinstance(entry, Log) else entry for entry in found)

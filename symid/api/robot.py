@@ -265,7 +265,8 @@ class RobotModel:
         Args:
             name: of the function, such as "forward_dynamics".
             standard: whether it takes the standard parameters pi in place of beta.
-            constant: whether it holds the values of the robot file, and takes no parameters.
+            constant: whether it holds the robot file's values of beta, rotors and friction, and takes none of
+                them; the parameters h of springs stay arguments.
 
         Raises:
             RobotError: a symbolic length has no value.

@@ -1,6 +1,7 @@
 """Every verb does its work, on files, and says what it did."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -263,6 +264,8 @@ def test_doctor(capsys):
     assert code == 0
     names = {entry["name"] for entry in answer["result"]["findings"]}
     assert {"python", "sympy", "casadi", "C compiler", "cache", "robots", "templates"} <= names
+    (calls,) = (entry for entry in answer["result"]["findings"] if entry["name"] == "calls of compiled code")
+    assert re.match(r"Python's limited API|ctypes", calls["found"])
 
 
 def test_doctor_says_what_is_missing(capsys, monkeypatch):

@@ -44,3 +44,9 @@ def test_a_file_of_runs_is_several_logs(robot, tmp_path):
     with pytest.raises(symid.LogError) as caught:
         symid.read_log(runs, robot)
     assert caught.value.notices[0].code == "log.runs"
+
+
+def test_an_experiment_stands_for_its_log(robot):
+    run = robot.simulate(seed=3, duration=4.0)
+    assert robot.identify(run).values == robot.identify([run.log]).values
+    assert robot.identify(run).validate(run).residual == robot.identify(run).validate(run.log).residual
