@@ -9,6 +9,7 @@ Input: estimates, of now or from a file. Output: `RigidFit`, `ElasticFit`, `Fric
 
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from os import PathLike, fspath
@@ -101,8 +102,8 @@ class Fit(Result):
 
     @property
     def settings(self) -> Mapping[str, object]:
-        """Return processing, log map and options, after overrides."""
-        return self.product.settings
+        """Return processing, log map and options, after overrides; a copy, so that the fit stays as it is."""
+        return deepcopy(dict(self.product.settings))
 
     @property
     def sources(self) -> tuple[str, ...]:

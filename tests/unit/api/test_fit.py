@@ -61,6 +61,8 @@ def test_a_fit_cannot_be_changed(fit):
         fit.estimate = None
     with pytest.raises(ValueError, match="read-only"):
         fit.covariance[0, 0] = 1.0
+    fit.settings["processing"]["filter_cutoff"] = 1e9
+    assert fit.settings["processing"]["filter_cutoff"] == 50.0
 
 
 def test_files_logs_and_arrays_give_the_same_fit(robot, logs, fit):
