@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from symid.api.log import Log, build_log, read_log, read_logs
     from symid.api.new import RobotDraft, new_robot
     from symid.api.payload import PayloadResult
-    from symid.api.report import FitPage
+    from symid.api.report import FitDiagnosis, FitPage
     from symid.api.result import Result
     from symid.api.robot import RobotModel, list_robots, load
     from symid.api.simulation import Simulation
@@ -62,7 +62,7 @@ _MODULES = {
     "api.log": ("Log", "build_log", "read_log", "read_logs"),
     "api.new": ("RobotDraft", "new_robot"),
     "api.payload": ("PayloadResult",),
-    "api.report": ("FitPage",),
+    "api.report": ("FitDiagnosis", "FitPage"),
     "api.result": ("Result",),
     "api.robot": ("RobotModel", "list_robots", "load"),
     "api.simulation": ("Simulation",),
@@ -98,6 +98,7 @@ __all__ = [
     "ExportedFile",
     "Figures",
     "Fit",
+    "FitDiagnosis",
     "FitPage",
     "FrictionFit",
     "FrictionTables",
@@ -151,4 +152,4 @@ if not TYPE_CHECKING:  # for type checkers a name that is not imported above is 
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted(__all__)

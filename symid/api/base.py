@@ -62,7 +62,7 @@ class BaseSet(Result):
 
     @property
     def values(self) -> Mapping[str, float]:
-        """Return the values in SI units that the robot file states, by name; not all files state all."""
+        """Return the values of base and friction parameters that the robot file states, SI units, by name."""
         from symid.parameters.values import find_parameter_values
 
         return find_parameter_values(self.robot, self.product)
@@ -91,10 +91,25 @@ class BaseSet(Result):
             from symid.formats.section import find_nearest
 
             gone = {entry.name: entry.reason for entry in self.product.eliminated}
-            hint = gone.get(name) or find_nearest(name, entries) or f"there are {', '.join(entries)}"
+            groups = {
+                plain: f"it heads the group {entry.name}" for plain, entry in self._list_heads().items()
+            }
+            hint = (
+                gone.get(name)
+                or groups.get(name)
+                or find_nearest(name, entries)
+                or f"there are {', '.join(entries)}"
+            )
             text = f"{name!r} is no base parameter of {self.robot.name}: {hint}"
             raise UsageError(Notice(code="usage.unknown-parameter", text=text))
         return entries[name]
+
+    def _list_heads(self) -> "dict[str, BaseParameter]":
+        """Return the base parameters by the standard parameters that their groups are named after."""
+        from symid.dynamics.labels import write_label
+
+        entries = (*self.product.parameters, *self.product.friction)
+        return {write_label(self.robot, entry.label): entry for entry in entries}
 
     def explain(self, name: str) -> str:
         """Return what a parameter groups and why, or why it has no effect and was eliminated.
@@ -108,7 +123,7 @@ class BaseSet(Result):
         gone = {entry.name: entry.reason for entry in self.product.eliminated}
         if name in gone:
             return f"{name} was eliminated: {gone[name]}"
-        entry = self[name]
+        entry = self._list_heads().get(name) or self[name]
         return f"{entry.name} = {entry.expression}: {entry.reason}"
 
     def summarise(self) -> str:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, final
 
 from symid.api.figures import Figures
 from symid.api.log import LogLike, Logs, find_log, list_logs
-from symid.api.report import FitPage
+from symid.api.report import FitDiagnosis, FitPage
 from symid.api.result import Progress, Result, ignore
 from symid.api.robot import RobotModel, Settings, list_pairs, load
 from symid.api.validation import LogValidation
@@ -33,7 +33,6 @@ if TYPE_CHECKING:  # these load NumPy
     from symid.elastic.estimate import ElasticEstimate, SpringEstimate
     from symid.estimators.estimate import Estimate, ParameterEstimate, Residual
     from symid.friction.results import FrictionIdentification, JointFriction
-    from symid.identification.diagnosis import Diagnosis
     from symid.report.blocks import Block
     from symid.report.fit_page import Known, Page, PageRequest
     from symid.report.verdict import Verdict
@@ -348,6 +347,25 @@ class _DynamicsFit(Fit):
         return self.estimate.residual
 
     @property
+    def beta(self) -> "FloatArray":
+        """Return the base parameters in the order that compiled functions take them: (b,), SI units.
+
+        What was refused is zero, or of least norm where it acts only together with others.
+        """
+        return self._list_values(self.robot.base.names)
+
+    @property
+    def f(self) -> "FloatArray":
+        """Return the friction parameters in the order that functions take them: (p,), SI units."""
+        return self._list_values(self.robot.base.friction)
+
+    def _list_values(self, names: tuple[str, ...]) -> "FloatArray":
+        import numpy as np
+
+        known = {**dict(getattr(self.estimate, "unresolved", ())), **self.values}
+        return np.array([known.get(name, 0.0) for name in names])
+
+    @property
     def covariance(self) -> "FloatArray":
         """Return the covariance of the parameters: (p, p); (0, 0) where the method has none."""
         import numpy as np
@@ -382,7 +400,7 @@ class RigidFit(_DynamicsFit):
 
         return write_estimate(self.estimate, Path(fspath(path)))
 
-    def diagnose(self) -> "Diagnosis":
+    def diagnose(self) -> "FitDiagnosis":
         """Return what the logs of the fit tell beyond parameters: correlations, bootstrap, drift, structure.
 
         Raises:
@@ -397,7 +415,8 @@ class RigidFit(_DynamicsFit):
         """
         from symid.tasks.diagnose import diagnose_fit
 
-        return diagnose_fit(self.robot.description, self.estimate, self.robot.workshop)
+        found = diagnose_fit(self.robot.description, self.estimate, self.robot.workshop)
+        return FitDiagnosis(robot=self.estimate.robot, product=found)
 
     def validate(
         self,

@@ -97,6 +97,23 @@ class Log(Result):
         """Return the number of samples."""
         return len(self.recording.time)
 
+    def save(self, path: str | PathLike[str]) -> Path:
+        """Write the log to `path`, .npz or .csv, in SI units, and return the path.
+
+        Raises:
+            OutputError: the name ends in something else, or the file cannot be written.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> log = robot.simulate(duration=1.0, seed=1).log
+            >>> len(symid.read_log(log.save("run.csv"), robot)) == len(log)
+            True
+        """
+        from symid.data.writers import write_recording
+
+        return write_recording(self.recording, Path(fspath(path)), self.robot)
+
     def summarise(self) -> str:
         """Return source, samples and period."""
         return f"{self.source}: {len(self)} samples at {1.0 / self.period:.6g} Hz, {self.q.shape[1]} joints"

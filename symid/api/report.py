@@ -15,7 +15,50 @@ if TYPE_CHECKING:  # these load NumPy
     from symid.report.blocks import Block
     from symid.report.fit_page import Page
 
-__all__ = ["FitPage"]
+__all__ = ["FitDiagnosis", "FitPage"]
+
+
+@final
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class FitDiagnosis(Result):
+    """What the logs of a fit tell beyond parameters: correlations, bootstrap, drift, structure.
+
+    Attributes:
+        robot: its name.
+        product: all that was found.
+
+    Example:
+        >>> import symid
+        >>> robot = symid.load("two_link")
+        >>> path = robot.simulate(duration=5.0, seed=1).save("run.npz")
+        >>> found = robot.identify(path).diagnose()
+        >>> found.product.rank
+        12
+    """
+
+    robot: str
+    product: "Diagnosis"
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """Return what a reader should know, for example that a log has changed since the fit."""
+        return self.product.notices
+
+    def summarise(self) -> str:
+        """Return robot and how many parameters are essential."""
+        return f"{self.robot}: {len(self.product.essential.kept)} essential parameters"
+
+    def blocks(self) -> "tuple[Block, ...]":
+        """Return what was found, in a few sentences and a table of what the residual follows."""
+        from symid.report.diagnosis_text import show_diagnosis
+
+        return show_diagnosis(self.product)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the diagnosis in plain types."""
+        from symid.report.diagnosis_text import describe_diagnosis
+
+        return describe_diagnosis(self.product)
 
 
 @final

@@ -1,6 +1,6 @@
 """What all results of the API have in common: they print themselves, and say what speaks against them.
 
-str(result)             as the command line prints it
+str(result)             as the command line prints it, with warnings and errors
 result.to_dict()        as the command line gives it with --json
 result.notices          what a reader should know; result.errors why it is not acceptable
 in a notebook           tables, texts and figures
@@ -78,11 +78,20 @@ class Result(ABC):
         """Return the result in one line."""
         return f"<{type(self).__name__} {self.summarise()}>"
 
-    def __str__(self) -> str:
-        """Return the result as the command line prints it."""
+    def tell(self) -> str:
+        """Return the result as text, without what a reader should know of it."""
         from symid.report.blocks import write_text
 
         return write_text(self.blocks())
+
+    def __str__(self) -> str:
+        """Return the result as the command line prints it: texts and tables, then warnings and errors."""
+        said = self._tell_notices()
+        return f"{self.tell()}\n\n{said}" if said else self.tell()
+
+    def _tell_notices(self) -> str:
+        kinds = [("note" if entry.is_note else "warning", entry) for entry in self.notices]
+        return "\n".join(f"{kind}: {entry}" for kind, entry in (*kinds, *(("error", e) for e in self.errors)))
 
     def _tabulate(self) -> "tuple[Block, ...]":
         """Return what a notebook, which is wider than a terminal, shows in place of `blocks`."""
@@ -92,7 +101,6 @@ class Result(ABC):
         """Return the result for a notebook."""
         from symid.report.blocks import write_html
 
-        told = ((("note" if entry.is_note else "warning"), entry) for entry in self.notices)
-        said = "\n".join(f"{kind}: {entry}" for kind, entry in (*(("error", e) for e in self.errors), *told))
+        said = self._tell_notices()
         blocks = (*self.opening(), *self._tabulate(), *((said,) if said else ()), *self.figures())
         return write_html(blocks, failed=not self.accepted)

@@ -54,6 +54,7 @@ if TYPE_CHECKING:  # these load NumPy, SymPy or CasADi
 __all__ = ["RobotModel", "Settings", "list_pairs", "list_robots", "load"]
 
 T = TypeVar("T")
+_BACKENDS = ("auto", "c", "python", "casadi")
 Settings = Mapping[str, object]
 """Settings in place of the robot file's, such as {"processing.filter_cutoff": 50}; see docs/robot_file.md."""
 
@@ -180,6 +181,7 @@ class RobotModel:
         """
         from symid.formats.loading import override_settings
 
+        check_choice("backend", backend or self.backend, _BACKENDS)
         changed = override_settings(self.description, list_pairs(settings), friction)
         return replace(
             self,
@@ -458,7 +460,7 @@ class RobotModel:
             tolerance: of elastic joints: relative change at which an iteration stops.
             thresholds: of elastic joints: number of stops of each joint's hysteresis.
             knees: of elastic joints: number of knees on each side of a spring.
-            rate: rad/s, of the first-order filter of filtered rows.
+            rate: of elastic joints: rad/s, corner frequency of the first-order filter.
             elastic: all options of elastic joints at once; arguments given besides win.
 
         Raises:
@@ -961,6 +963,7 @@ def load(
     """
     from symid.formats.loading import load_robot
 
+    check_choice("backend", backend, _BACKENDS)
     described = load_robot(
         fspath(robot),
         list_pairs(settings),

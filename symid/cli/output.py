@@ -53,7 +53,7 @@ def make_answer(
         added: entries of the object for programs.
     """
     return Answer(
-        text="\n\n".join((str(result), *lines)),
+        text="\n\n".join((result.tell(), *lines)),
         result={**result.to_dict(), **added},
         warnings=(*result.notices, *notices),
         errors=result.errors,

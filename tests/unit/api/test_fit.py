@@ -41,7 +41,9 @@ def test_a_fit_is_what_identify_prints_and_gives(capsys, fit, logs):
     assert result == json.loads(json.dumps(fit.to_dict()))
     assert [entry["text"] for entry in answer["warnings"]] == [entry.text for entry in fit.notices]
     assert run([*map(str, arguments), "-q"]) == 0
-    assert capsys.readouterr().out == f"{fit}\n"
+    assert capsys.readouterr().out == f"{fit.tell()}\n"
+    assert str(fit).startswith(fit.tell())
+    assert all(f"{entry}" in str(fit) for entry in fit.notices)
 
 
 def test_parameters_are_found_by_name(fit, robot):
@@ -172,3 +174,13 @@ def test_another_log_of_the_same_name_is_no_log_of_the_fit(robot):
     fit = robot.identify(first)
     assert "validate.fitted-log" in {note.code for note in fit.validate(first).notices}
     assert "validate.fitted-log" not in {note.code for note in fit.validate(second).notices}
+
+
+def test_vectors_of_a_fit_go_into_functions(fit, robot):
+    lib = robot.compile()
+    q, dq, ddq = np.array([0.2, -0.4]), np.array([0.5, 0.3]), np.array([1.0, -2.0])
+    torque = lib.inverse_dynamics(q, dq, ddq, fit.beta)
+    assert torque == pytest.approx(lib.inverse_dynamics(q, dq, ddq, lib.beta), rel=0.02)
+    ours = np.array(robot.casadi("inverse_dynamics")(q, dq, ddq, fit.beta)).ravel()
+    assert ours == pytest.approx(torque, rel=1e-12)
+    assert fit.f == pytest.approx(lib.f, rel=0.05)
