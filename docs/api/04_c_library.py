@@ -7,5 +7,4 @@ import symid
 lib = symid.load("two_link").compile()
 print(lib.mass_matrix)
 print(lib.mass_matrix([0.1, 0.5], lib.beta))
-q = np.random.default_rng(1).uniform(-1.0, 1.0, size=(1000, 2))
-print(lib.mass_matrix(q, lib.beta).shape)
+print(lib.mass_matrix(np.zeros((1000, 2)), lib.beta).shape)

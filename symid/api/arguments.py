@@ -6,9 +6,11 @@ Input: their names and values. Output: nothing, or an error that says what was a
 import math
 from collections.abc import Sequence
 
+from symid.codegen.options import BACKENDS
+from symid.elastic.options import METHODS
 from symid.errors import Notice, UsageError
 
-__all__ = ["check_choice", "check_count", "check_positive"]
+__all__ = ["BACKENDS", "METHODS", "check_choice", "check_count", "check_positive"]
 
 
 def check_count(name: str, value: int | None, least: int = 0) -> None:

@@ -350,20 +350,32 @@ class _DynamicsFit(Fit):
     def beta(self) -> "FloatArray":
         """Return the base parameters in the order that compiled functions take them: (b,), SI units.
 
-        What was refused is zero, or of least norm where it acts only together with others.
+        Raises:
+            UsageError: one of them was not identified, or the joints of an elastic robot were taken as rigid.
         """
         return self._list_values(self.robot.base.names)
 
     @property
     def f(self) -> "FloatArray":
-        """Return the friction parameters in the order that functions take them: (p,), SI units."""
+        """Return the friction parameters in the order that functions take them: (p,), SI units.
+
+        Raises:
+            UsageError: as for `beta`.
+        """
         return self._list_values(self.robot.base.friction)
 
     def _list_values(self, names: tuple[str, ...]) -> "FloatArray":
         import numpy as np
 
-        known = {**dict(getattr(self.estimate, "unresolved", ())), **self.values}
-        return np.array([known.get(name, 0.0) for name in names])
+        values = self.values
+        missing = [name for name in names if name not in values]
+        if self.robot.elastic and isinstance(self, RigidFit):
+            text = "the joints were taken as rigid, and functions of the elastic robot group rotors otherwise"
+        elif missing:
+            text = f"{', '.join(missing)} not identified; record logs that excite more, or take `fit.values`"
+        else:
+            return np.array([values[name] for name in names])
+        raise UsageError(Notice(code="usage.no-vector", text=text))
 
     @property
     def covariance(self) -> "FloatArray":

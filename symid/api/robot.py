@@ -17,7 +17,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeVar, final
 
-from symid.api.arguments import check_choice, check_count, check_positive
+from symid.api.arguments import BACKENDS, check_choice, check_count, check_positive
 from symid.api.base import BaseForm, BaseSet, find_base_set
 from symid.api.result import Progress, ignore
 from symid.errors import Notice
@@ -54,7 +54,6 @@ if TYPE_CHECKING:  # these load NumPy, SymPy or CasADi
 __all__ = ["RobotModel", "Settings", "list_pairs", "list_robots", "load"]
 
 T = TypeVar("T")
-_BACKENDS = ("auto", "c", "python", "casadi")
 Settings = Mapping[str, object]
 """Settings in place of the robot file's, such as {"processing.filter_cutoff": 50}; see docs/robot_file.md."""
 
@@ -181,7 +180,7 @@ class RobotModel:
         """
         from symid.formats.loading import override_settings
 
-        check_choice("backend", backend or self.backend, _BACKENDS)
+        check_choice("backend", backend or self.backend, BACKENDS)
         changed = override_settings(self.description, list_pairs(settings), friction)
         return replace(
             self,
@@ -963,7 +962,7 @@ def load(
     """
     from symid.formats.loading import load_robot
 
-    check_choice("backend", backend, _BACKENDS)
+    check_choice("backend", backend, BACKENDS)
     described = load_robot(
         fspath(robot),
         list_pairs(settings),

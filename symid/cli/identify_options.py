@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from symid.api.arguments import METHODS
 from symid.cli.options import METHOD, MODEL, PROCESSING, FiniteRange, add_options, option
 
 __all__ = [
@@ -20,16 +21,6 @@ RIGID = ("overlap", "prior", "prior_deviation", "prior_weight", "start", "partia
 ELASTIC = ("tolerance", "thresholds", "knees", "window", "rate")
 FRICTION = ("model", "known", "smoothing", "seed")
 """Names of the options of each kind."""
-_METHODS = (
-    "automatic",
-    "two-step",
-    "linear-spring",
-    "elimination",
-    "weighted",
-    "nlp",
-    "independent",
-    "stiffness",
-)
 _POSITIVE = FiniteRange(min=0.0, min_open=True)
 _COUNT = click.IntRange(min=0)
 
@@ -106,7 +97,7 @@ rigid_options = add_options(
 elastic_options = add_options(
     option(
         "--method",
-        type=click.Choice(_METHODS),
+        type=click.Choice((*METHODS, "stiffness")),
         group=METHOD,
         help="Elastic joints: the method; stiffness alone is for any robot.  [default: automatic]",
     ),

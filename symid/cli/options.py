@@ -8,6 +8,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import click
 
+from symid.api.arguments import BACKENDS
 from symid.cli.inputs import NamedRobot
 from symid.cli.output import Answer, Console
 from symid.errors import Notice, UsageError
@@ -45,8 +46,7 @@ INPUT, PROCESSING, MODEL, METHOD, OUTPUT = "Input", "Processing", "Model", "Meth
 _GROUPS = (INPUT, PROCESSING, MODEL, METHOD, OUTPUT)
 DEFAULT_SEED = 1
 _FRICTION = ("none", "viscous_coulomb", "viscous_coulomb_offset", "asymmetric")
-_AUTO = "auto"
-_BACKENDS = (_AUTO, "c", "python", "casadi")
+_AUTO = BACKENDS[0]
 
 
 class _GroupedOption(click.Option):
@@ -195,7 +195,7 @@ _CUTS = (
 )
 backend_option = option(
     "--backend",
-    type=click.Choice(_BACKENDS),
+    type=click.Choice(BACKENDS),
     default=_AUTO,
     show_default=True,
     group=METHOD,

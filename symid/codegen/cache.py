@@ -40,6 +40,7 @@ from symid.codegen.cache_folder import (
 from symid.codegen.compiler import CANDIDATES, Compiler, compile_sources, find_compiler, find_fault
 from symid.codegen.library import Library, Loaded, load_library
 from symid.codegen.names import find_prefix
+from symid.codegen.options import BACKENDS
 from symid.codegen.python_call import find_call_path
 from symid.codegen.templates import find_template_bytes
 from symid.codegen.writer import MANIFEST, find_digest, write_sources
@@ -51,9 +52,7 @@ from symid.robot.log_map import LogMap, Processing
 if TYPE_CHECKING:  # a library that is found needs neither CasADi nor SymPy
     from symid.codegen.casadi_functions import Functions
 
-__all__ = ["BACKENDS", "find_cache_folder", "find_library_key", "prepare_library"]
-
-BACKENDS = ("auto", "c", "python", "casadi")
+__all__ = ["find_cache_folder", "find_library_key", "prepare_library"]
 
 _SEAL = "seal.json"
 _ROOMS = ("robot", "algebra", "joint", "dynamics", "parameters", "codegen")

@@ -4,7 +4,10 @@ from dataclasses import dataclass
 
 from symid.errors import Notice, UsageError
 
-__all__ = ["GenerateOptions"]
+__all__ = ["BACKENDS", "GenerateOptions"]
+
+BACKENDS = ("auto", "c", "python", "casadi")
+"""What can compute a robot's functions; "auto" is C, or NumPy where there is no compiler."""
 
 _PRECISIONS = ("double", "float")
 _TRIGONOMETRIES = ("own", "library")

@@ -184,3 +184,21 @@ def test_vectors_of_a_fit_go_into_functions(fit, robot):
     ours = np.array(robot.casadi("inverse_dynamics")(q, dq, ddq, fit.beta)).ravel()
     assert ours == pytest.approx(torque, rel=1e-12)
     assert fit.f == pytest.approx(lib.f, rel=0.05)
+
+
+def test_vectors_that_functions_would_misread_are_refused(robot):
+    """A motor-side fit has rotors in its groups: its ZZR1 is another parameter of the same name."""
+    arm = symid.load("two_link_elastic")
+    log = arm.simulate("ta", scale=10, duration=6.0, seed=1).log
+    theta = log.recording.motor_position
+    rigid = arm.identify(symid.build_log(arm, time=log.time, q=theta, tau=log.tau, source="motor side"))
+    rotor = arm.description.joints[0].drive.rotor_inertia
+    assert rigid["ZZR1"].truth == pytest.approx(arm.base.values["ZZR1"] + rotor, rel=1e-12)
+    still = robot.simulate(seed=1, duration=4.0).log
+    held = symid.build_log(robot, time=still.time, q=still.q * [1.0, 0.0], tau=still.tau)
+    partial = robot.identify(held, partial=True)
+    assert partial.refused
+    for fit in (rigid, partial):
+        with pytest.raises(symid.UsageError) as caught:
+            _ = fit.beta
+        assert caught.value.notices[0].code == "usage.no-vector"
