@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from symid.codegen.cache import prepare_library
-from symid.data.readers import read_recording
-from symid.elastic.identify import identify_elastic
-from symid.formats.locate import find_robot_file
-from symid.formats.toml import read_robot
-from symid.identification.identify import identify_parameters
-from symid.study.elastic_runs import Condition, observe_runs, simulate_runs
+from symid.identification.elastic.identify import identify_elastic
+from symid.identification.rigid.fit import identify_parameters
+from symid.logs.reader import read_recording
+from symid.robot.loading import locate_robot_file
+from symid.robot.toml_reader import read_robot
+from symid.study.elastic_methods import SensorCondition, observe_runs, simulate_runs
 
 # Name and what to ask for; without a compiler CasADi's virtual machine serves.
 BACKENDS = {
@@ -57,7 +57,7 @@ def show(title, times, note=""):
 
 def show_functions():
     """Print the times of calls."""
-    libraries = load(read_robot(find_robot_file("panda")), FUNCTIONS)
+    libraries = load(read_robot(locate_robot_file("panda")), FUNCTIONS)
     print(f"{'Panda, us a sample':34}" + "".join(f"{name:>23}" for name in BACKENDS))
     rng = np.random.default_rng(0)
     for spec in libraries["c"].card.functions:
@@ -93,7 +93,7 @@ def show_fits(title, libraries, identify):
 
 def show_tx40(folder):
     """Print identifications of the TX40."""
-    robot = read_robot(find_robot_file("tx40"))
+    robot = read_robot(locate_robot_file("tx40"))
     recording = read_recording(folder / "tx40.npz", robot)
     libraries = load(
         robot, ("torque_regressor", "momentum_regressor", "lagrange_regressor", "friction_regressor")
@@ -110,10 +110,10 @@ def show_tx40(folder):
 
 def show_elastic():
     """Print the identification of the arm with elastic joints: all methods, and the choice among them."""
-    robot = read_robot(find_robot_file("two_link_elastic"))
+    robot = read_robot(locate_robot_file("two_link_elastic"))
     libraries = load(robot)
-    runs = simulate_runs(robot, libraries["c"], Condition.NOISY, LOGS)
-    recordings = observe_runs(runs, LOGS, Condition.NOISY, 0)
+    runs = simulate_runs(robot, libraries["c"], SensorCondition.NOISY, LOGS)
+    recordings = observe_runs(runs, LOGS, SensorCondition.NOISY, 0)
     show_fits("elastic arm, all methods, s", libraries, lambda library: identify_elastic(library, recordings))
 
 

@@ -14,14 +14,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
-from symid.codegen.catalogue import find_robot_specs
-from symid.codegen.instructions import count_operations
+from symid.codegen.catalogue import list_robot_specs
+from symid.codegen.programs import count_operations
 from symid.codegen.routes import choose_route
+from symid.dynamics.base_parameters import derive_base_parameters
 from symid.dynamics.lagrange import derive_energy
-from symid.formats.locate import find_robot_file
-from symid.formats.toml import read_robot
-from symid.parameters.base import find_base_parameters
 from symid.robot.description import Joint, Robot
+from symid.robot.loading import locate_robot_file
+from symid.robot.toml_reader import read_robot
 
 R = TypeVar("R")
 COUNTED = ("inverse_dynamics", "mass_matrix", "forward_dynamics", "torque_regressor", "energy_regressor")
@@ -38,7 +38,7 @@ def clock(action: Callable[[], R]) -> tuple[float, R]:
 
 def load(name: str) -> Robot:
     """Return a shipped robot, or one from a file."""
-    return read_robot(find_robot_file(name))
+    return read_robot(locate_robot_file(name))
 
 
 def join(name: str, trunk: Robot, branch: Robot, times: int) -> Robot:
@@ -67,8 +67,8 @@ def list_robots() -> list[Robot]:
 
 def measure(robot: Robot) -> list[str]:
     """Return the cells of a robot's line."""
-    base_time, base = clock(lambda: find_base_parameters(robot))
-    specs = find_robot_specs(robot, base)
+    base_time, base = clock(lambda: derive_base_parameters(robot))
+    specs = list_robot_specs(robot, base)
     energy = "-"
     if robot.size <= LARGEST_ENERGY:
         energy = f"{clock(lambda: derive_energy(robot))[0]:.3f}"

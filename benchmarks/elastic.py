@@ -11,11 +11,11 @@ import sys
 import time
 
 from symid.codegen.cache import prepare_library
-from symid.elastic.methods import build_work, fit_method
-from symid.elastic.options import ElasticOptions
-from symid.formats.locate import find_robot_file
-from symid.formats.toml import read_robot
-from symid.study.elastic_runs import Condition, observe_runs, simulate_runs
+from symid.identification.elastic.methods import build_elastic_equations, fit_method
+from symid.identification.elastic.options import ElasticOptions
+from symid.robot.loading import locate_robot_file
+from symid.robot.toml_reader import read_robot
+from symid.study.elastic_methods import SensorCondition, observe_runs, simulate_runs
 
 METHODS = ("linear-spring", "two-step", "elimination", "weighted", "nlp", "independent")
 LOGS = ("TA", "TA10", "TC")
@@ -24,14 +24,14 @@ LOGS = ("TA", "TA10", "TC")
 def main() -> None:
     """Print the table."""
     repeats = int(sys.argv[1]) if len(sys.argv) > 1 else 5
-    robot = read_robot(find_robot_file("two_link_elastic"))
+    robot = read_robot(locate_robot_file("two_link_elastic"))
     library = prepare_library(robot)
-    runs = simulate_runs(robot, library, Condition.NOISY, LOGS)
+    runs = simulate_runs(robot, library, SensorCondition.NOISY, LOGS)
     times: dict[str, list[tuple[float, float]]] = {name: [] for name in ("equations", *METHODS)}
     for seed in range(repeats + 1):
-        recordings = observe_runs(runs, LOGS, Condition.NOISY, seed)
+        recordings = observe_runs(runs, LOGS, SensorCondition.NOISY, seed)
         wall, own = time.perf_counter(), time.process_time()
-        work = build_work(library, recordings, ElasticOptions())
+        work = build_elastic_equations(library, recordings, ElasticOptions())
         shared = (time.perf_counter() - wall, time.process_time() - own)
         rows = [("equations", shared)]
         for method in METHODS:

@@ -18,24 +18,31 @@ from pathlib import Path
 
 import numpy as np
 
-from symid.data.readers import read_recording
-from symid.data.recording import Recording
-from symid.formats.locate import find_robot_file
-from symid.formats.toml import read_robot
-from symid.friction.axis_simulation import AxisModel
-from symid.friction.ladder import build_axis_run, build_axis_samples, climb_ladder
-from symid.friction.output_error import AxisRun, OutputErrorFit, Window, find_window_rmse
-from symid.friction.output_error_choice import (
+from symid.identification.friction.law_comparison import (
     AxisTrial,
     SearchPlan,
+    build_axis_run,
+    build_axis_samples,
     choose_axis_trial,
-    find_axis_states,
+    compare_laws,
+    compute_axis_states,
     fit_whole_run,
     try_axis_model,
 )
-from symid.friction.selection import CANDIDATES, select_law
-from symid.joint.friction_laws import get_law
+from symid.identification.friction.output_error import (
+    AxisModel,
+    AxisRun,
+    OutputErrorFit,
+    Window,
+    compute_window_rmse,
+)
+from symid.identification.friction.selection import CANDIDATE_LAWS, select_law
+from symid.joint_models.friction_catalogue import get_law
+from symid.logs.reader import read_recording
+from symid.logs.recording import Recording
 from symid.robot.description import Robot
+from symid.robot.loading import locate_robot_file
+from symid.robot.toml_reader import read_robot
 
 KNOWN = {
     "coulomb-viscous-offset": "4.0834 / 5.9824",
@@ -43,7 +50,7 @@ KNOWN = {
     "asymmetric": "3.1117 / 5.3649",
     "asymmetric-stribeck": "2.9325 / 5.2809",
 }
-LAWS = (*CANDIDATES, "asymmetric-stribeck-both", "asymmetric-stribeck-exponent")
+LAWS = (*CANDIDATE_LAWS, "asymmetric-stribeck-both", "asymmetric-stribeck-exponent")
 TERMS = ((), ("drift",), ("drift", "slope", "bend"))
 FOUR = AxisModel(law=get_law("coulomb-viscous-offset"))
 MODELS = tuple(
@@ -73,7 +80,7 @@ def main() -> None:
     tables = [word for word in words if word in {"ladder", "choice", "simulation"}]
     folders = [word for word in words if word not in tables]
     folder = Path(folders[0]) if folders else Path(__file__).resolve().parents[2] / "shared" / "data" / "emps"
-    robot = read_robot(find_robot_file("emps"))
+    robot = read_robot(locate_robot_file("emps"))
     data, pulses = (
         read_recording(folder / name, robot) for name in ("DATA_EMPS.mat", "DATA_EMPS_PULSES.mat")
     )
@@ -87,7 +94,7 @@ def print_ladder(robot: Robot, data: Recording, pulses: Recording) -> None:
     """Print the laws whose numbers are known."""
     fitted, unseen = (build_axis_samples(entry, robot.processing) for entry in (data, pulses))
     print(f"{'law':32}{'values':>7}{'DATA %':>9}{'PULSES %':>10}   known")
-    for row in climb_ladder(fitted, [unseen], tuple(KNOWN)):
+    for row in compare_laws(fitted, [unseen], tuple(KNOWN)):
         print(
             f"{row.law:32}{row.unknowns:7}{row.fitted_percent:9.4f}{row.unseen_percent[0]:10.4f}"
             f"   {KNOWN[row.law]}"
@@ -109,7 +116,7 @@ def print_choice(robot: Robot, data: Recording, pulses: Recording) -> None:
         chosen.append((held, selection.chosen, terms))
     held, law, terms = min(chosen)
     fitted, unseen = (build_axis_samples(entry, robot.processing, terms=terms) for entry in (data, pulses))
-    (row,) = climb_ladder(fitted, [unseen], (law,))
+    (row,) = compare_laws(fitted, [unseen], (law,))
     print(f"\nchosen: {law} with {', '.join(terms) or 'nothing'} beside it, {held:.4f} % held back")
     print(f"{row.law:32}{row.unknowns:7}{row.fitted_percent:9.4f}{row.unseen_percent[0]:10.4f}")
 
@@ -117,7 +124,7 @@ def print_choice(robot: Robot, data: Recording, pulses: Recording) -> None:
 def print_simulation(robot: Robot, data: Recording, pulses: Recording) -> None:
     """Print how each model foretells blocks held back, and the simulations of PULSES."""
     run, unseen = build_axis_run(data), build_axis_run(pulses)
-    states = find_axis_states(run, robot.processing.filter_cutoff or 100.0)
+    states = compute_axis_states(run, robot.processing.filter_cutoff or 100.0)
     print(f"\n{'model':40}{'values':>7}   held back, mm: all, each block")
     trials = []
     for model in MODELS:
@@ -137,10 +144,10 @@ def print_fits(fits: list[OutputErrorFit], chosen: AxisTrial, unseen: AxisRun) -
     """Print what fits to DATA_EMPS leave of PULSES."""
     whole = [Window(first=0, last=len(unseen.force))]
     print(f"\n{'root mean square error of the position, mm':60}{'DATA':>8}{'PULSES':>8}   known")
-    published = 1e3 * find_window_rmse(FOUR, PUBLISHED, unseen, whole)
+    published = 1e3 * compute_window_rmse(FOUR, PUBLISHED, unseen, whole)
     print(f"{'published values of four parameters':60}{'':8}{published:8.2f}   8.82")
     for model, fit, known in zip((FOUR, chosen.model), fits, ("4.35", "2.64 (network)"), strict=False):
-        error = 1e3 * find_window_rmse(model, np.array(fit.values), unseen, whole)
+        error = 1e3 * compute_window_rmse(model, np.array(fit.values), unseen, whole)
         print(f"{model.name:60}{1e3 * fit.rmse:8.3f}{error:8.2f}   {known}")
         values = ", ".join(f"{name} {value:.4f}" for name, value in zip(fit.names, fit.values, strict=True))
         print(f"    {values}; {fit.evaluations} simulations")

@@ -12,9 +12,8 @@ import time
 import numpy as np
 
 from symid.errors import UsageError
-from symid.friction.estimators import ESTIMATORS, search_friction
-from symid.friction.options import FrictionOptions
-from symid.friction.problem import build_problem
+from symid.identification.friction.estimators import ESTIMATORS, search_friction
+from symid.identification.friction.problem import FrictionOptions, build_problem
 from tests.frictions import draw_s1, draw_s2
 
 DRAWS = 5

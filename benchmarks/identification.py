@@ -16,13 +16,13 @@ import numpy as np
 
 from symid.codegen.cache import prepare_library
 from symid.codegen.library import Library
-from symid.data.recording import Signals
-from symid.estimators.condensed_fit import fit_condensed
 from symid.excitation.trajectories import FourierOptions, build_random_fourier
-from symid.formats.toml import read_robot
+from symid.identification.estimators.least_squares import fit_condensed
+from symid.identification.regression.identifiability import analyse_condensed
+from symid.identification.regression.long_logs import condense_signals
+from symid.logs.recording import Signals
 from symid.robot.description import Robot
-from symid.rows.identifiability import judge_condensed
-from symid.rows.streaming import condense_signals
+from symid.robot.toml_reader import read_robot
 
 ROBOT = Path(__file__).resolve().parent.parent / "robots" / "panda.toml"
 PERIOD = 1e-3
@@ -54,7 +54,7 @@ def time_stack(library: Library, signals: Signals) -> None:
     for _ in range(REPEATS):
         start = time.perf_counter()
         condensed = condense_signals(library, [signals])
-        seen = judge_condensed(condensed, "torque", names)
+        seen = analyse_condensed(condensed, "torque", names)
         fit = fit_condensed(condensed, seen.basis)
         best = min(best, time.perf_counter() - start)
     error = float(np.abs(fit.values - 1.0).max())

@@ -10,31 +10,34 @@ from dataclasses import replace
 from pathlib import Path
 
 from symid.codegen.cache import prepare_library
-from symid.data.readers import read_recording
-from symid.formats.locate import find_robot_file
-from symid.formats.overrides import override_robot
-from symid.formats.toml import read_robot
-from symid.formats.value_table import TableColumns, read_value_table
-from symid.identification.comparison import (
+from symid.dynamics.base_parameters import derive_base_parameters
+from symid.dynamics.regrouping import (
+    derive_regrouping,
+    evaluate_regrouping,
+    list_coupled_readings,
+    read_group,
+)
+from symid.identification.diagnostics.torque_prediction import compute_band_residual, predict_torques
+from symid.identification.rigid.comparison import (
     ReadingTrial,
     add_readings,
     build_stated_values,
-    find_comparison,
-    find_grouped_values,
+    compare_values,
+    compute_grouped_values,
 )
-from symid.identification.diagnosis import diagnose_estimate
-from symid.identification.identify import identify_parameters
-from symid.parameters.base import find_base_parameters
-from symid.parameters.readings import find_coupled_readings
-from symid.parameters.regrouping import find_change, find_regrouping, read_group
-from symid.residuals.metric import find_band_residual, predict_torques
+from symid.identification.rigid.diagnosis import diagnose_estimate
+from symid.identification.rigid.fit import identify_parameters
+from symid.logs.reader import read_recording
+from symid.robot.loading import locate_robot_file, override_robot
+from symid.robot.published_values import TableColumns, read_value_table
+from symid.robot.toml_reader import read_robot
 
 FITS = (("torque", "ols"), ("torque", "wls"), ("momentum", "ols"), ("momentum", "wls"))
 
 
 def load(name):
     """Return a shipped robot and its compiled functions."""
-    robot = read_robot(find_robot_file(name))
+    robot = read_robot(locate_robot_file(name))
     return robot, prepare_library(robot)
 
 
@@ -42,7 +45,7 @@ def measure(library, estimate, recording, processing, band):
     """Return the mean relative residual of a log within a band, in percent."""
     names = tuple(entry.name for entry in (*library.card.beta, *library.card.friction))
     prediction = predict_torques(estimate.assemble(names), library, recording, processing, band=band)
-    return find_band_residual(prediction).mean_relative_percent
+    return compute_band_residual(prediction).mean_relative_percent
 
 
 def show_tx40(folder):
@@ -70,17 +73,17 @@ def show_tx40(folder):
 def show_published(folder, robot, library, recording):
     """Print weighted least squares beside the published values, as they stand and with the coupling in."""
     columns = TableColumns(value="wls")
-    base = find_base_parameters(robot)
+    base = derive_base_parameters(robot)
     path = folder / "tx40" / "published.csv"
     table = read_value_table(path, columns, lambda text: read_group(text, robot, base))
     names = [row.text for row in table.rows]
-    found = find_regrouping(base, [row.name for row in table.rows], names)
+    found = derive_regrouping(base, [row.name for row in table.rows], names)
     print(
         f"  {len(found.rows)} published groups and {', '.join(found.absent)}: same space {found.is_complete}"
     )
     theirs = build_stated_values([row.value for row in table.rows], [row.deviation for row in table.rows])
-    change = find_change(found.rows, robot)
-    readings = find_coupled_readings(robot, base, found.rows)
+    change = evaluate_regrouping(found.rows, robot)
+    readings = list_coupled_readings(robot, base, found.rows)
     trials = [
         ReadingTrial(group=entry.group, column=entry.column, factor=float(entry.factor)) for entry in readings
     ]
@@ -92,7 +95,7 @@ def show_published(folder, robot, library, recording):
         ours = build_stated_values(estimate.assemble(found.names), stds, estimate.covariance)
         print(f"  rows below {standstill} rad/s left out")
         for word, matrix in (("as it stands", change), (terms, add_readings(change, trials))):
-            entry = find_comparison(find_grouped_values(matrix, ours), theirs)
+            entry = compare_values(compute_grouped_values(matrix, ours), theirs)
             within = " and ".join(f"{entry.count_within(limit)}" for limit in (2.0, 3.0))
             print(
                 f"    {word}: {within} of {entry.judged} within 2 and 3 deviations, largest "
@@ -143,7 +146,7 @@ def show_kr300(folder):
     essential = found.essential
     whole = len(essential.kept) + len(essential.dropped)
     prediction = predict_torques(essential.values, library, logs["c"], robot.processing, band=10.0)
-    percent = find_band_residual(prediction).mean_relative_percent
+    percent = compute_band_residual(prediction).mean_relative_percent
     print(f"  {len(essential.kept)} of {whole} parameters are essential; with them alone C {percent:.2f} %")
 
 

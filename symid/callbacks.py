@@ -1,16 +1,15 @@
-"""A function of ours that CasADi calls, as for Ipopt: names, sparsities, and what computes it.
+"""A NumPy function that CasADi can call, as Ipopt does: names, sparsities, and what computes it.
 
-Input: named arguments and results with their sparsities, a function of NumPy. Output: a CasADi callback.
+Named arguments and results with their sparsities, a NumPy function -> a CasADi callback. CasADi is loaded
+on first use.
 
-Supported: dense and sparse arguments and results. Not supported: derivatives by CasADi; they are functions
-of their own.
+Supported: dense and sparse arguments and results.
+Not supported: derivatives by CasADi; give them as functions of their own.
 """
 
 from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
-
-__all__ = ["Slots", "build_callback"]
 
 Slots = tuple[tuple[str, Any], ...]
 """Name and CasADi sparsity of every argument, or of every result."""

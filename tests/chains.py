@@ -10,7 +10,7 @@ import pinocchio as pin
 from hypothesis import strategies as st
 from sympy import QQ
 
-from symid.codegen.instructions import Op, Program
+from symid.codegen.programs import Op, Program
 from symid.codegen.routes import ROUTES
 from symid.codegen.workspace import build_workspace
 from symid.notation import INERTIAL
@@ -25,7 +25,7 @@ from symid.robot.description import (
     Robot,
     Spring,
 )
-from symid.robot.geometry import Angle, Exact, Placement, find_angle, place_modified_dh
+from symid.robot.geometry import Angle, Exact, Placement, build_exact_angle, place_modified_dh
 
 # Pinocchio orders m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz; ours is XX XY XZ YY YZ ZZ MX MY MZ M.
 FROM_PINOCCHIO = [4, 5, 7, 6, 8, 9, 1, 2, 3, 0]
@@ -42,7 +42,7 @@ def build_joint(index: int, row: Sequence[object], *, parent: int | None = None,
         return Exact.symbol(value) if isinstance(value, str) else Exact.of(value)
 
     placement = place_modified_dh(
-        find_angle(alpha), length(a), length(d), find_angle(0.0 if revolute else theta)
+        build_exact_angle(alpha), length(a), length(d), build_exact_angle(0.0 if revolute else theta)
     )
     kind = JointKind.REVOLUTE if revolute else JointKind.PRISMATIC
     before = index - 1 if parent is None else parent
@@ -206,7 +206,7 @@ def trees(
         a, d = Exact.of(draw(lengths)), Exact.of(draw(lengths))
         if symbols and draw(st.booleans()):
             a, d = Exact.symbol(f"A{index}"), Exact.symbol(f"D{index}")
-        exact = (angle if isinstance(angle, Angle) else find_angle(angle) for angle in (alpha, theta))
+        exact = (angle if isinstance(angle, Angle) else build_exact_angle(angle) for angle in (alpha, theta))
         alpha, theta = exact
         placement = place_modified_dh(alpha, a, d, theta)
         kind = draw(kinds)

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 
 from symid.codegen.model_card import build_model_card
-from symid.estimators.estimate import Estimate, Outcome, ParameterEstimate, Residual
-from symid.formats.settings import list_processing
-from symid.identification.storage import write_estimate
-from symid.joint.friction import FRICTION_MODELS
-from symid.parameters.base import find_base_parameters
+from symid.dynamics.base_parameters import derive_base_parameters
+from symid.identification.estimators.estimate import Estimate, Outcome, ParameterEstimate, Residual
+from symid.identification.rigid.storage import write_estimate
+from symid.joint_models.friction_models import FRICTION_MODELS
+from symid.robot.toml_settings import list_processing
 from tests.chains import draw_parameters
 
 STD = 1e-4
@@ -44,7 +44,7 @@ def fill_robot(robot, seed=1):
 
 def build_estimate(robot, *, covariance=None, sources=("log.npz",)) -> Estimate:
     """Return an estimate with the values that `robot` states; `covariance` of all of them, (p, p)."""
-    card = build_model_card(robot, find_base_parameters(robot), ())
+    card = build_model_card(robot, derive_base_parameters(robot), ())
     cards = (*card.beta, *card.friction)
     given = np.diag([STD**2] * len(cards)) if covariance is None else np.asarray(covariance)
     processing = list_processing(robot.processing)

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from symid.friction.samples import FrictionSamples
-from symid.joint.friction_law import FrictionLaw, find_torque
-from symid.joint.friction_laws import get_law
+from symid.identification.friction.samples import FrictionSamples
+from symid.joint_models.friction_catalogue import get_law
+from symid.joint_models.friction_law import FrictionLaw, compute_friction_torque
 
 # fC, fS, vs, fV: hybrid row of Table 1, Zhang, Hu and Zou (2021).
 TABLE_1 = (10.76, 19.68, 0.0385, 24.04)
@@ -38,7 +38,7 @@ def draw_samples(
     linear, shape = law.from_physical(physical)
     inputs = {"velocity": velocity}
     inputs |= {name: given[name] for name in ("load", "position") if name in given}
-    torque = find_torque(law, inputs, linear, shape)
+    torque = compute_friction_torque(law, inputs, linear, shape)
     torque = torque + noise * np.random.default_rng(seed).standard_normal(count)
     given = {"extra": np.zeros((count, 0)), **given}
     return FrictionSamples(

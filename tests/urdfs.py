@@ -6,20 +6,20 @@ from fractions import Fraction
 import numpy as np
 import pinocchio as pin
 
-from symid.robot.axis_frames import invert_placement
 from symid.robot.description import JointKind, Robot
 from symid.robot.geometry import (
     IDENTITY,
     ZERO,
     Exact,
     Placement,
+    build_exact_angle,
     compose_placements,
-    find_angle,
+    invert_placement,
     rotate_x,
+    rotate_y,
     rotate_z,
     translate,
 )
-from symid.robot.rotations import rotate_y
 from tests.chains import to_se3
 
 AXES = {
@@ -39,7 +39,7 @@ def turn(steps: Sequence[tuple[str, int]]) -> Placement:
     """Return the rotation of several turns about the axes that the last ones left."""
     result = IDENTITY
     for axis, degrees in steps:
-        result = compose_placements(result, TURNS[axis](find_angle(np.radians(degrees))))
+        result = compose_placements(result, TURNS[axis](build_exact_angle(np.radians(degrees))))
     return result
 
 

@@ -17,8 +17,8 @@ from symid.arrays import FloatArray
 from symid.codegen.cache import prepare_library
 from symid.codegen.casadi_functions import build_functions
 from symid.codegen.library import load_library
-from symid.codegen.python_module import generate_python_module
-from symid.codegen.writer import write_sources
+from symid.codegen.python_targets import generate_python_module
+from symid.codegen.source_folder import write_sources
 
 __all__ = ["measure_from_python"]
 

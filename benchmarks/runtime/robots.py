@@ -16,13 +16,13 @@ import numpy as np
 from tools import NotInstalledError
 
 from symid.arrays import FloatArray
-from symid.formats.locate import find_robot_file
-from symid.formats.toml import read_robot
-from symid.formats.urdf import read_urdf
-from symid.formats.urdf_writer import write_urdf
+from symid.dynamics.base_parameters import BaseParameters, derive_base_parameters
 from symid.notation import INERTIAL
-from symid.parameters.base import BaseParameters, find_base_parameters
 from symid.robot.description import Drive, FrictionValues, Joint, JointKind, Limits, Robot
+from symid.robot.loading import locate_robot_file
+from symid.robot.toml_reader import read_robot
+from symid.robot.urdf_reader import read_urdf
+from symid.robot.urdf_writer import write_urdf
 
 __all__ = ["ROBOTS", "Case", "build_case", "find_prefix", "import_pinocchio", "write_model", "write_states"]
 
@@ -85,7 +85,7 @@ def _read_solo() -> Robot:
 
 
 def _read(name: str) -> Robot:
-    return _read_solo() if name == "solo12" else read_robot(find_robot_file(name))
+    return _read_solo() if name == "solo12" else read_robot(locate_robot_file(name))
 
 
 def _strip(joint: Joint) -> Joint:
@@ -128,7 +128,7 @@ def build_case(name: str) -> Case:
     model = pin.buildModelFromXML(write_urdf(robot, bodies))
     model.gravity.linear = np.array([value.to_float(dict(robot.symbols)) for value in robot.gravity])
     order = _find_order(model, robot)
-    base = find_base_parameters(robot)
+    base = derive_base_parameters(robot)
     parameters = np.array(bodies)
     place = {ours: theirs for theirs, ours in enumerate(order)}
     columns = tuple(10 * place[k] + PINOCCHIO_ORDER.index(part) for k, part in base.keys)

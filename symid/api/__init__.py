@@ -1,1 +1,66 @@
-"""The public API: one object for a robot, one for a log, one for a result, methods named as the verbs are."""
+"""The front door: one object for a robot, a log and a result, with methods named as the verbs."""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from symid.api.code import (
+        CompiledModel as CompiledModel,
+        RobotFunction as RobotFunction,
+        TupleFunction as TupleFunction,
+        WrittenCode as WrittenCode,
+    )
+    from symid.api.dynamics import BaseForm as BaseForm, BaseSet as BaseSet, Derivation as Derivation
+    from symid.api.experiment import ExcitedTrajectory as ExcitedTrajectory, Simulation as Simulation
+    from symid.api.first_steps import (
+        DemoResult as DemoResult,
+        Doctor as Doctor,
+        demo as demo,
+        doctor as doctor,
+    )
+    from symid.api.fit import (
+        ElasticFit as ElasticFit,
+        Fit as Fit,
+        FrictionFit as FrictionFit,
+        RigidFit as RigidFit,
+        load_fit as load_fit,
+    )
+    from symid.api.identification import (
+        PayloadEstimator as PayloadEstimator,
+        PayloadResult as PayloadResult,
+        PayloadRows as PayloadRows,
+        Stiffness as Stiffness,
+    )
+    from symid.api.log import (
+        Log as Log,
+        RobotCheck as RobotCheck,
+        build_log as build_log,
+        read_log as read_log,
+        read_logs as read_logs,
+    )
+    from symid.api.result import Figures as Figures, Result as Result
+    from symid.api.robot import RobotModel as RobotModel, list_robots as list_robots, load as load
+    from symid.api.robot_files import (
+        ExportedFile as ExportedFile,
+        Precision as Precision,
+        RobotDraft as RobotDraft,
+        export_fit as export_fit,
+        new_robot as new_robot,
+    )
+    from symid.api.studies import (
+        FrictionTables as FrictionTables,
+        Study as Study,
+        study_friction_tables as study_friction_tables,
+    )
+    from symid.api.validation import (
+        Comparison as Comparison,
+        FitDiagnosis as FitDiagnosis,
+        FitPage as FitPage,
+        LogValidation as LogValidation,
+        compare_fit as compare_fit,
+    )
+    from symid.codegen import BACKENDS as BACKENDS
+    from symid.identification.elastic import METHODS as METHODS
+else:
+    from symid.lazy import load_names
+
+    __getattr__, __dir__, __all__ = load_names(__name__, __file__)

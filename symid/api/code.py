@@ -1,6 +1,6 @@
 """A robot's functions as code: written to a folder, or compiled, loaded and called from Python.
 
-Input: a robot. Output: `WrittenCode`; `CompiledModel` with a `RobotFunction` for each of its functions.
+Robot -> `WrittenCode`; `CompiledModel` with a `RobotFunction` for each of its functions.
 
     lib = robot.compile()
     M = lib.mass_matrix(q, lib.beta)            one sample (n,) or a batch (N, n)
@@ -19,32 +19,23 @@ from typing import TYPE_CHECKING, Literal, cast, final
 from symid.api.result import Progress, Result
 from symid.errors import Notice, UsageError
 
-if TYPE_CHECKING:  # these load NumPy, SymPy or CasADi
+if TYPE_CHECKING:
     import casadi
     from numpy.typing import ArrayLike
 
     from symid.arrays import FloatArray
-    from symid.codegen.calls import Call
-    from symid.codegen.functions import FunctionSpec, ModelCard, ParameterCard
-    from symid.codegen.generation import GeneratedFolder
-    from symid.codegen.library import Library
-    from symid.codegen.symbolic import SymbolicFunction
-    from symid.parameters.base import BaseParameters
-    from symid.report.blocks import Block
-    from symid.robot.description import Robot
-
-__all__ = [
-    "CompiledModel",
-    "Outputs",
-    "Parameters",
-    "RobotFunction",
-    "Target",
-    "TupleFunction",
-    "WrittenCode",
-    "build_casadi",
-    "build_sympy",
-    "write_code",
-]
+    from symid.codegen import (
+        Call,
+        FunctionSpec,
+        GeneratedFolder,
+        Library,
+        ModelCard,
+        ParameterCard,
+        SymbolicFunction,
+    )
+    from symid.dynamics import BaseParameters
+    from symid.report import Block
+    from symid.robot import Robot
 
 Target = Literal["c", "python", "casadi"]
 Parameters = Literal["base", "standard"]
@@ -103,19 +94,19 @@ class WrittenCode(Result):
 
     def summarise(self) -> str:
         """Return the folder, what was done, and how its self-test went."""
-        from symid.report.code_text import summarise_code
+        from symid.report import summarise_code
 
         return summarise_code(self.product)
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return a headline, and the operations and sizes of every function."""
-        from symid.report.code_text import show_code
+        from symid.report import show_code
 
         return show_code(self.product)
 
     def to_dict(self) -> dict[str, object]:
         """Return files, operations and sizes in plain types."""
-        from symid.report.code_text import describe_code
+        from symid.report import describe_code
 
         return describe_code(self.robot.name, self.product)
 
@@ -135,10 +126,9 @@ def write_code(
     progress: Progress,
 ) -> WrittenCode:
     """Write the functions of `robot` to `folder`; see `RobotModel.write`."""
-    from symid.codegen.generation import CodeOrder, generate_folder
-    from symid.codegen.options import GenerateOptions
+    from symid.codegen import CodeRequest, GenerateOptions, generate_folder
 
-    order = CodeOrder(
+    order = CodeRequest(
         names=None if functions is None else tuple(functions),
         target=target,
         parameters=parameters,
@@ -388,9 +378,9 @@ class CompiledModel:
             """Refuse a name that is none of the functions, with the nearest one."""
             if name.startswith("_") or "library" not in self.__dict__:
                 raise AttributeError(name)
-            from symid.formats.section import find_nearest
+            from symid.robot import suggest_names
 
-            hint = find_nearest(name, self.functions) or f"there are {', '.join(self.functions)}"
+            hint = suggest_names(name, self.functions) or f"there are {', '.join(self.functions)}"
             message = f"{self.card.robot!r} has no function {name!r}: {hint}"
             raise AttributeError(message)
 
@@ -403,7 +393,7 @@ def build_sympy(
     robot: "Robot", name: str, base: "BaseParameters", *, standard: bool = False
 ) -> "SymbolicFunction":
     """Return a function of the catalogue in exact symbols; see `RobotModel.sympy`."""
-    from symid.codegen.symbolic import derive_symbolic
+    from symid.codegen import derive_symbolic
 
     _check_name(robot, name, base)
     return derive_symbolic(robot, name, standard=standard, base=base)
@@ -413,7 +403,7 @@ def build_casadi(
     robot: "Robot", name: str, base: "BaseParameters", *, standard: bool = False, constant: bool = False
 ) -> "casadi.Function":
     """Return a function of the catalogue as a CasADi function; see `RobotModel.casadi`."""
-    from symid.codegen.casadi_functions import build_casadi_function
+    from symid.codegen import build_casadi_function
 
     _check_name(robot, name, base)
     return build_casadi_function(robot, name, standard=standard, constant=constant)
@@ -425,11 +415,11 @@ def _check_name(robot: "Robot", name: str, base: "BaseParameters") -> None:
     Raises:
         UsageError: with the nearest names.
     """
-    from symid.codegen.catalogue import find_robot_specs
-    from symid.formats.section import find_nearest
+    from symid.codegen import list_robot_specs
+    from symid.robot import suggest_names
 
-    names = [spec.name for spec in find_robot_specs(robot, base)]
+    names = [spec.name for spec in list_robot_specs(robot, base)]
     if name not in names:
-        hint = find_nearest(name, names) or f"there are {', '.join(names)}"
+        hint = suggest_names(name, names) or f"there are {', '.join(names)}"
         text = f"function {name!r} is not in the catalogue of {robot.name}: {hint}"
         raise UsageError(Notice(code="usage.unknown-function", text=text))

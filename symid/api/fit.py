@@ -1,6 +1,6 @@
 """The result of an identification: parameters with their uncertainty, and what can be done with them.
 
-Input: estimates, of now or from a file. Output: `RigidFit`, `ElasticFit`, `FrictionFit`, all of them a `Fit`.
+Estimates, of now or from a file -> `RigidFit`, `ElasticFit`, `FrictionFit`, all of them a `Fit`.
 
     fit["ZZ2"].value, fit["ZZ2"].std    one parameter
     fit.validate("test.csv")            what it explains of a log that was not fitted
@@ -16,29 +16,22 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, final
 
-from symid.api.figures import Figures
-from symid.api.log import LogLike, Logs, find_log, list_logs
-from symid.api.report import FitDiagnosis, FitPage
-from symid.api.result import Progress, Result, ignore
+from symid.api.log import LogLike, Logs, list_logs, take_one_log
+from symid.api.result import Figures, Progress, Result, ignore
 from symid.api.robot import RobotModel, Settings, list_pairs, load
-from symid.api.validation import LogValidation
+from symid.api.validation import FitDiagnosis, FitPage, LogValidation
 from symid.errors import EstimateError, Notice, UsageError
 
-if TYPE_CHECKING:  # these load NumPy
-    from symid.api.comparison import Comparison, DeviationUnit
-    from symid.api.export import ExportedFile, Precision
+if TYPE_CHECKING:
+    from symid.api.robot_files import ExportedFile, Precision
+    from symid.api.validation import Comparison, DeviationUnit
     from symid.arrays import FloatArray
-    from symid.data.alignment import Alignment
-    from symid.data.recording import Recording
-    from symid.elastic.estimate import ElasticEstimate, SpringEstimate
-    from symid.estimators.estimate import Estimate, ParameterEstimate, Residual
-    from symid.friction.results import FrictionIdentification, JointFriction
-    from symid.report.blocks import Block
-    from symid.report.fit_page import Known, Page, PageRequest
-    from symid.report.verdict import Verdict
-    from symid.tasks.validate import TrackingTask, Trial
-
-__all__ = ["ElasticFit", "Fit", "FrictionFit", "RigidFit", "load_fit", "take_estimate"]
+    from symid.identification import AnyValidation, TrackingTask
+    from symid.identification.elastic import ElasticEstimate, SpringEstimate
+    from symid.identification.estimators import Estimate, ParameterEstimate, Residual
+    from symid.identification.friction import FrictionIdentification, JointFriction
+    from symid.logs import Alignment, Recording
+    from symid.report import Block, FitVerdict, KnownRobot, Page, PageRequest
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -120,9 +113,9 @@ class Fit(Result):
         return {entry.name: entry.value for entry in self.parameters}
 
     @property
-    def verdict(self) -> "Verdict":
+    def verdict(self) -> "FitVerdict":
         """Return what the fit is worth by its own logs, in sentences; held-out logs say more (`validate`)."""
-        from symid.report.fit_figures import judge_fit
+        from symid.report import judge_fit
 
         return judge_fit(self.product)
 
@@ -137,7 +130,7 @@ class Fit(Result):
 
     def plot(self) -> Figures:
         """Return these figures, which show themselves in a notebook; `.save(path)` writes them as SVG."""
-        from symid.report.fit_figures import draw_fit
+        from symid.report import draw_fit
 
         return Figures(drawings=draw_fit(self.product))
 
@@ -161,9 +154,9 @@ class Fit(Result):
         if name in self.refused:
             text = f"{name!r} has no value: {self.refused[name]}"
         else:
-            from symid.formats.section import find_nearest
+            from symid.robot import suggest_names
 
-            hint = find_nearest(name, entries) or f"there are {', '.join(entries)}"
+            hint = suggest_names(name, entries) or f"there are {', '.join(entries)}"
             text = f"{name!r} is no parameter of this fit: {hint}"
         raise UsageError(Notice(code="usage.unknown-parameter", text=text))
 
@@ -205,10 +198,10 @@ class Fit(Result):
             True
         """
         pairs = list_pairs(settings)
-        return LogValidation(product=self._try(find_log(log, pairs), pairs), gate=gate)
+        return LogValidation(product=self._try(take_one_log(log, pairs), pairs), gate=gate)
 
     @abstractmethod
-    def _try(self, log: "Path | Recording", pairs: tuple[tuple[str, str], ...]) -> "Trial": ...
+    def _try(self, log: "Path | Recording", pairs: tuple[tuple[str, str], ...]) -> "AnyValidation": ...
 
     def compare(
         self,
@@ -243,7 +236,7 @@ class Fit(Result):
             >>> fit.compare(fit).largest
             0.0
         """
-        from symid.api.comparison import compare_fit
+        from symid.api.validation import compare_fit
 
         return compare_fit(
             self.robot.description,
@@ -280,7 +273,7 @@ class Fit(Result):
             >>> fit.export("identified.urdf").format
             'URDF'
         """
-        from symid.api.export import export_fit
+        from symid.api.robot_files import export_fit
 
         robot = self.robot
         return export_fit(robot.description, self, path, precision=precision, progress=robot.progress)
@@ -313,16 +306,16 @@ class Fit(Result):
             >>> fit.report("report.html", validation=robot.simulate("tc", duration=5.0).log).file.name
             'report.html'
         """
-        from symid.report.fit_page import PageRequest
+        from symid.report import PageRequest
 
         pairs = list_pairs(settings)
         logs = list_logs(validation, pairs)
-        request = PageRequest(logs=logs, pairs=pairs, diagnose=diagnose, file=_name(self.file))
+        request = PageRequest(logs=logs, pairs=pairs, diagnose=diagnose, file=_name_file(self.file))
         known = (self.robot.description, self.robot.workshop) if logs or diagnose else None
         return FitPage(page=self._write_page(Path(fspath(path)), request, known))
 
     @abstractmethod
-    def _write_page(self, path: Path, request: "PageRequest", known: "Known | None") -> "Page": ...
+    def _write_page(self, path: Path, request: "PageRequest", known: "KnownRobot | None") -> "Page": ...
 
     def summarise(self) -> str:
         """Return robot, kind of fit, and how much it leaves."""
@@ -408,7 +401,7 @@ class RigidFit(_DynamicsFit):
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write the fit to `path` as JSON and return the path."""
-        from symid.identification.storage import write_estimate
+        from symid.identification.rigid import write_estimate
 
         return write_estimate(self.estimate, Path(fspath(path)))
 
@@ -425,7 +418,7 @@ class RigidFit(_DynamicsFit):
             >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
             >>> fit.diagnose()  # doctest: +SKIP
         """
-        from symid.tasks.diagnose import diagnose_fit
+        from symid.identification import diagnose_fit
 
         found = diagnose_fit(self.robot.description, self.estimate, self.robot.workshop)
         return FitDiagnosis(robot=self.estimate.robot, product=found)
@@ -460,12 +453,12 @@ class RigidFit(_DynamicsFit):
             True
         """
         pairs = list_pairs(settings)
-        return LogValidation(product=self._try(find_log(log, pairs), pairs, band=band), gate=gate)
+        return LogValidation(product=self._try(take_one_log(log, pairs), pairs, band=band), gate=gate)
 
     def _try(
         self, log: "Path | Recording", pairs: tuple[tuple[str, str], ...], *, band: float | None = None
-    ) -> "Trial":
-        from symid.tasks.validate import validate_rigid
+    ) -> "AnyValidation":
+        from symid.identification import validate_rigid
 
         return validate_rigid(
             self.robot.description,
@@ -474,23 +467,23 @@ class RigidFit(_DynamicsFit):
             self.robot.workshop,
             pairs=pairs,
             band=band,
-            file=_name(self.file),
+            file=_name_file(self.file),
         )
 
-    def _write_page(self, path: Path, request: "PageRequest", known: "Known | None") -> "Page":
-        from symid.report.fit_page import write_rigid_page
+    def _write_page(self, path: Path, request: "PageRequest", known: "KnownRobot | None") -> "Page":
+        from symid.report import write_rigid_page
 
         return write_rigid_page(path, self.estimate, request, known)
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return a headline, and the tables of parameters and residuals."""
-        from symid.report.estimate_text import show_estimate
+        from symid.report import show_estimate
 
         return show_estimate(self.estimate)
 
     def to_dict(self) -> dict[str, object]:
         """Return the fit in plain types."""
-        from symid.report.estimate_text import describe_estimate
+        from symid.report import describe_estimate
 
         return {**describe_estimate(self.estimate), **self.extra}
 
@@ -522,7 +515,7 @@ class ElasticFit(_DynamicsFit):
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write the fit to `path` as JSON and return the path."""
-        from symid.elastic.storage import write_elastic_estimate
+        from symid.identification.elastic import write_elastic_estimate
 
         return write_elastic_estimate(self.estimate, Path(fspath(path)))
 
@@ -554,12 +547,12 @@ class ElasticFit(_DynamicsFit):
             >>> fit = robot.identify(robot.simulate(duration=4.0, seed=1).log, method="linear-spring")
             >>> fit.track(robot.simulate("tc", seed=2).log)  # doctest: +SKIP
         """
-        from symid.tasks.validate import build_tracking_task
+        from symid.identification import build_tracking_task
 
-        others = tuple((_name(entry.file), entry.estimate) for entry in against)
+        others = tuple((_name_file(entry.file), entry.estimate) for entry in against)
         task = build_tracking_task(self.robot.description, seed, others)
         pairs = list_pairs(settings)
-        found = self._try(find_log(log, pairs), pairs, tracking=task)
+        found = self._try(take_one_log(log, pairs), pairs, tracking=task)
         return LogValidation(product=found, gate=gate)
 
     def _try(
@@ -568,8 +561,8 @@ class ElasticFit(_DynamicsFit):
         pairs: tuple[tuple[str, str], ...],
         *,
         tracking: "TrackingTask | None" = None,
-    ) -> "Trial":
-        from symid.tasks.validate import validate_elastic
+    ) -> "AnyValidation":
+        from symid.identification import validate_elastic
 
         return validate_elastic(
             self.robot.description,
@@ -578,23 +571,23 @@ class ElasticFit(_DynamicsFit):
             self.robot.workshop,
             pairs=pairs,
             tracking=tracking,
-            file=_name(self.file),
+            file=_name_file(self.file),
         )
 
-    def _write_page(self, path: Path, request: "PageRequest", known: "Known | None") -> "Page":
-        from symid.report.fit_page import write_elastic_page
+    def _write_page(self, path: Path, request: "PageRequest", known: "KnownRobot | None") -> "Page":
+        from symid.report import write_elastic_page
 
         return write_elastic_page(path, self.estimate, request, known)
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return a headline, why the method was taken, parameters, springs and residuals."""
-        from symid.report.elastic_text import show_elastic
+        from symid.report import show_elastic
 
         return show_elastic(self.estimate)
 
     def to_dict(self) -> dict[str, object]:
         """Return the fit in plain types."""
-        from symid.report.elastic_text import describe_alignment, describe_elastic
+        from symid.report import describe_alignment, describe_elastic
 
         joints = [entry.joint for entry in self.estimate.residual]
         aligned = None if self.alignment is None else describe_alignment(self.alignment, joints)
@@ -653,12 +646,12 @@ class FrictionFit(Fit):
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write the laws to `path` as JSON and return the path."""
-        from symid.friction.results import write_friction_result
+        from symid.identification.friction import write_friction_result
 
         return write_friction_result(self.estimate, Path(fspath(path)))
 
-    def _try(self, log: "Path | Recording", pairs: tuple[tuple[str, str], ...]) -> "Trial":
-        from symid.tasks.validate import validate_friction_result
+    def _try(self, log: "Path | Recording", pairs: tuple[tuple[str, str], ...]) -> "AnyValidation":
+        from symid.identification import validate_friction_result
 
         return validate_friction_result(
             self.robot.description,
@@ -666,11 +659,11 @@ class FrictionFit(Fit):
             log,
             self.robot.workshop,
             pairs=pairs,
-            file=_name(self.file),
+            file=_name_file(self.file),
         )
 
-    def _write_page(self, path: Path, request: "PageRequest", known: "Known | None") -> "Page":  # noqa: ARG002  laws were tried when chosen
-        from symid.report.fit_page import write_friction_page
+    def _write_page(self, path: Path, request: "PageRequest", known: "KnownRobot | None") -> "Page":  # noqa: ARG002  laws were tried when chosen
+        from symid.report import write_friction_page
 
         return write_friction_page(path, self.estimate, request)
 
@@ -681,13 +674,13 @@ class FrictionFit(Fit):
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return choice, law, parameters and residual of every joint."""
-        from symid.report.friction_text import show_friction
+        from symid.report import show_friction
 
         return show_friction(self.estimate)
 
     def to_dict(self) -> dict[str, object]:
         """Return the laws in plain types."""
-        from symid.report.friction_text import describe_friction
+        from symid.report import describe_friction
 
         return {**describe_friction(self.estimate), **self.extra}
 
@@ -713,9 +706,9 @@ def load_fit(
         True
     """
     file = Path(fspath(path))
-    from symid.elastic.storage import is_elastic_estimate, read_elastic_estimate
-    from symid.friction.results import is_friction_result, read_friction_result
-    from symid.identification.storage import read_estimate
+    from symid.identification.elastic import is_elastic_estimate, read_elastic_estimate
+    from symid.identification.friction import is_friction_result, read_friction_result
+    from symid.identification.rigid import read_estimate
 
     if is_friction_result(file):
         return FrictionFit(estimate=read_friction_result(file), file=file, model=robot, progress=progress)
@@ -737,7 +730,7 @@ def take_estimate(fit: "Fit | str | PathLike[str] | None") -> "Estimate | Path |
             return fit.estimate
         case Fit():
             text = "this is no fit of base parameters of a rigid robot; give one that robot.identify returned"
-            raise EstimateError(Notice(code="estimate.kind", text=text, file=_name(fit.file)))
+            raise EstimateError(Notice(code="estimate.kind", text=text, file=_name_file(fit.file)))
     return Path(fspath(fit))
 
 
@@ -755,5 +748,5 @@ def _load_named(name: str, progress: Progress) -> RobotModel:
         raise UsageError(replace(first, text=text)) from error
 
 
-def _name(file: Path | None) -> str:
+def _name_file(file: Path | None) -> str:
     return "" if file is None else str(file)

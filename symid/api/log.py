@@ -1,6 +1,7 @@
-"""A log of the API: what was measured, in SI units, on the joint side, nothing left out.
+"""A log of the API: what was measured, in SI units, on the joint side, nothing left out; and its check.
 
-Input: a file and the robot whose map says which column is what, or arrays. Output: `Log`.
+File and the robot whose map says which column is what, or arrays -> `Log`; robot, logs -> `RobotCheck`,
+before anything is identified.
 
 Supported: csv, npz, mat, hdf5, and files (.toml) that list several runs.
 """
@@ -14,27 +15,15 @@ from typing import TYPE_CHECKING, Protocol, final, runtime_checkable
 from symid.api.result import Result
 from symid.errors import LogError, Notice, UsageError
 
-if TYPE_CHECKING:  # these load NumPy
+if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from symid.api.robot import RobotModel
     from symid.arrays import FloatArray
-    from symid.data.recording import Recording
-    from symid.report.blocks import Block
-    from symid.robot.description import Robot
-
-__all__ = [
-    "Log",
-    "LogLike",
-    "Logged",
-    "Logs",
-    "build_log",
-    "find_log",
-    "find_reader",
-    "list_logs",
-    "read_log",
-    "read_logs",
-]
+    from symid.identification.diagnostics import CheckedLog, LogCheck, LogExcitation, LogsCheck
+    from symid.logs import Recording
+    from symid.report import Block
+    from symid.robot import Robot
 
 
 @final
@@ -89,7 +78,7 @@ class Log(Result):
     @property
     def notices(self) -> tuple[Notice, ...]:
         """Return what a reader should know: conversions, columns not used, odd samples."""
-        from symid.data.checks import check_recording
+        from symid.logs import check_recording
 
         return (*self.recording.notices, *check_recording(self.recording, self.robot))
 
@@ -110,7 +99,7 @@ class Log(Result):
             >>> len(symid.read_log(log.save("run.csv"), robot)) == len(log)
             True
         """
-        from symid.data.writers import write_recording
+        from symid.logs import write_recording
 
         return write_recording(self.recording, Path(fspath(path)), self.robot)
 
@@ -120,20 +109,19 @@ class Log(Result):
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return the table of joints: range, speed, torque."""
-        from symid.data.summary import summarise_joints
-        from symid.report.log_check_text import show_joints
+        from symid.logs import summarise_joints
+        from symid.report import show_joints
 
         summary = summarise_joints(self.recording, self.robot)
         return (self.summarise(), show_joints({"file": self.source}, summary))
 
     def to_dict(self) -> dict[str, object]:
         """Return samples, timing and the range of every joint in plain types."""
-        from symid.data.summary import summarise_joints
-        from symid.data.timing import find_timing
-        from symid.report.log_check_text import describe_log
+        from symid.logs import measure_timing, summarise_joints
+        from symid.report import describe_log
 
         summary = summarise_joints(self.recording, self.robot)
-        return describe_log(self.recording, find_timing(self.time), summary)
+        return describe_log(self.recording, measure_timing(self.time), summary)
 
 
 @runtime_checkable
@@ -162,7 +150,7 @@ def list_logs(logs: Logs, pairs: Sequence[tuple[str, str]] = ()) -> "tuple[Path 
     Raises:
         UsageError: a setting says how to read a log that was read before.
     """
-    entries = _split(logs)
+    entries = _list_files_and_logs(logs)
     late = [key for key, _ in pairs if key.startswith("log.")]
     if late and any(isinstance(entry, Log) for entry in entries):
         text = f"{', '.join(late)}: the log was read before; read it again with a robot that has the setting"
@@ -170,20 +158,20 @@ def list_logs(logs: Logs, pairs: Sequence[tuple[str, str]] = ()) -> "tuple[Path 
     return tuple(entry.recording if isinstance(entry, Log) else entry for entry in entries)
 
 
-def _split(logs: Logs) -> tuple[Path | Log, ...]:
+def _list_files_and_logs(logs: Logs) -> tuple[Path | Log, ...]:
     """Return files and logs, each by itself."""
     given = (logs,) if isinstance(logs, str | PathLike | Log | Logged) else tuple(logs)
     found = (entry.log if isinstance(entry, Logged) else entry for entry in given)
     return tuple(entry if isinstance(entry, Log) else Path(fspath(entry)) for entry in found)
 
 
-def find_reader(robot: "Robot", logs: Logs) -> "Robot":
+def adopt_log_map(robot: "Robot", logs: Logs) -> "Robot":
     """Return the robot with the `[log]` map that said how logs were read, which a fit keeps.
 
     Raises:
         UsageError: logs were read with other maps than each other, or than files would be.
     """
-    entries = _split(logs)
+    entries = _list_files_and_logs(logs)
     read = [entry.robot.log for entry in entries if isinstance(entry, Log)]
     maps = [*read, *([robot.log] if len(read) < len(entries) else [])]
     if any(other != maps[0] for other in maps):
@@ -192,7 +180,7 @@ def find_reader(robot: "Robot", logs: Logs) -> "Robot":
     return replace(robot, log=maps[0]) if maps else robot
 
 
-def find_log(log: LogLike, pairs: Sequence[tuple[str, str]] = ()) -> "Path | Recording":
+def take_one_log(log: LogLike, pairs: Sequence[tuple[str, str]] = ()) -> "Path | Recording":
     """Return the one log that is tried, as the rooms below take it; see `list_logs`.
 
     Raises:
@@ -222,9 +210,9 @@ def read_logs(path: str | PathLike[str], robot: "RobotModel", *, uneven: bool = 
         >>> [len(log) for log in symid.read_logs(robot.simulate(duration=1.0).save("run.npz"), robot)]
         [1001]
     """
-    from symid.data.logs import gather_recordings
+    from symid.logs import read_recordings
 
-    recordings = gather_recordings((Path(fspath(path)),), robot.description, uneven=uneven)
+    recordings = read_recordings((Path(fspath(path)),), robot.description, uneven=uneven)
     return tuple(Log(recording=recording, robot=robot.description) for recording in recordings)
 
 
@@ -287,7 +275,7 @@ def build_log(
     """
     import numpy as np
 
-    from symid.data.recording import Recording
+    from symid.logs import Recording
 
     arrays = {"q": q, "tau": tau, "dq": dq, "theta": theta}
     try:
@@ -320,3 +308,88 @@ def build_log(
         source=source,
     )
     return Log(recording=recording, robot=robot.description)
+
+
+@final
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class RobotCheck(Result):
+    """What a robot file says, and which parameters logs identify; `errors` where that is too little.
+
+    Attributes:
+        robot: the robot, whose file has no mistakes.
+        product: what was found in the logs.
+
+    Example:
+        >>> import symid
+        >>> robot = symid.load("two_link")
+        >>> found = robot.check(robot.simulate(duration=4.0, seed=1).log)
+        >>> found.accepted, found.excitation.rank
+        (True, 12)
+    """
+
+    robot: "Robot"
+    product: "LogsCheck"
+
+    @property
+    def logs(self) -> "tuple[CheckedLog, ...]":
+        """Return of every log its recording at even times, how it was sampled, and what its joints do."""
+        return self.product.logs
+
+    @property
+    def dynamics(self) -> "tuple[LogCheck, ...]":
+        """Return signs, exchanged joints and the delay of the torque in every log; of rigid robots."""
+        return self.product.dynamics
+
+    @property
+    def excitation(self) -> "LogExcitation | None":
+        """Return a verdict on every parameter, singular values, rank and condition; of rigid robots."""
+        return self.product.excitation
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """Return what is odd in the robot file and in the logs, with what to do."""
+        return (*self.robot.notices, *self.product.notices)
+
+    @property
+    def errors(self) -> tuple[Notice, ...]:
+        """Return why the logs are not enough for a model of the robot."""
+        return self.product.errors
+
+    def summarise(self) -> str:
+        """Return the robot, and how many logs were looked at."""
+        from symid.report import summarise_robot
+
+        return f"{summarise_robot(self.robot)}: {len(self.logs)} log{'s'[: len(self.logs) != 1]}"
+
+    def blocks(self) -> "tuple[Block, ...]":
+        """Return what was read, the joints of every log, and what the logs tell of the parameters."""
+        from symid.report import show_robot_check
+
+        return show_robot_check(self.robot, self.product)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return joints, logs, and what they tell of every parameter, in plain types."""
+        from symid.report import describe_robot_check
+
+        return describe_robot_check(self.robot, self.product)
+
+
+def check_robot(
+    robot: "RobotModel", logs: Sequence[LogLike], *, resample: str | PathLike[str] | None = None
+) -> RobotCheck:
+    """Return what is found in `logs` of `robot`; see `RobotModel.check`."""
+    from symid.identification.diagnostics import LogsCheck, check_robot_logs
+
+    if resample is not None and len(logs) != 1:
+        text = f"resample: a copy is made of one log at a time, got {len(logs)}"
+        raise UsageError(Notice(code="usage.one-log", text=text))
+    if not logs:
+        return RobotCheck(robot=robot.description, product=LogsCheck())
+    found = check_robot_logs(
+        robot.description,
+        list_logs(logs),
+        prepare=lambda: robot.library,
+        progress=robot.progress,
+        output=None if resample is None else Path(fspath(resample)),
+    )
+    return RobotCheck(robot=robot.description, product=found)

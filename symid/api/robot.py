@@ -1,6 +1,6 @@
 """The robot of the API: a description with everything that can be done with it.
 
-Input: the name or path of a robot file. Output: `RobotModel`, whose methods are named as the verbs are.
+Name or path of a robot file -> `RobotModel`, whose methods are named as the verbs are.
 
     robot = symid.load("panda")
     robot.base                      its base parameters, exactly
@@ -17,41 +17,30 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeVar, final
 
-from symid.api.arguments import BACKENDS, check_choice, check_count, check_positive
-from symid.api.base import BaseForm, BaseSet, find_base_set
-from symid.api.result import Progress, ignore
+from symid.api.dynamics import BaseForm, BaseSet, derive_base_set
+from symid.api.result import Progress, check_choice, check_count, check_positive, ignore
+from symid.codegen import BACKENDS
 from symid.errors import Notice
 
-if TYPE_CHECKING:  # these load NumPy, SymPy or CasADi
+if TYPE_CHECKING:
     import casadi as ca
 
-    from symid.api.check import RobotCheck
     from symid.api.code import CompiledModel, Parameters, Target, WrittenCode
-    from symid.api.derivation import Derivation
-    from symid.api.excitation import ExcitationCriterion, ExcitedTrajectory
-    from symid.api.export import ExportedFile, Precision
+    from symid.api.dynamics import Derivation
+    from symid.api.experiment import ExcitationCriterion, ExcitedTrajectory, Simulation
     from symid.api.fit import ElasticFit, Fit, FrictionFit, RigidFit
-    from symid.api.identify import Stiffness
-    from symid.api.log import LogLike, Logs
-    from symid.api.payload import PayloadEstimator, PayloadResult, PayloadRows, PayloadSide
-    from symid.api.simulation import Simulation
+    from symid.api.identification import PayloadEstimator, PayloadResult, PayloadRows, PayloadSide, Stiffness
+    from symid.api.log import LogLike, Logs, RobotCheck
+    from symid.api.robot_files import ExportedFile, Precision
     from symid.api.studies import Study
-    from symid.codegen.library import Library
-    from symid.codegen.symbolic import SymbolicFunction
-    from symid.elastic.options import ElasticOptions
-    from symid.estimators.estimate import Estimate
-    from symid.excitation.motion import SampledMotion
-    from symid.excitation.trajectories import Trajectory
-    from symid.friction.options import FrictionOptions
-    from symid.robot.description import Joint, Robot
-    from symid.study.cutoff import CutoffStudy
-    from symid.study.elastic_study import ElasticStudy
-    from symid.study.many_joints import ManyJointsResult
-    from symid.study.precision import PrecisionStudy
-    from symid.study.tracking_study import TrackingStudy
-    from symid.tasks.identify import Workshop
-
-__all__ = ["RobotModel", "Settings", "list_pairs", "list_robots", "load"]
+    from symid.codegen import Library, SymbolicFunction
+    from symid.excitation import SampledMotion, Trajectory
+    from symid.identification import TaskContext
+    from symid.identification.elastic import ElasticOptions
+    from symid.identification.estimators import Estimate
+    from symid.identification.friction import FrictionOptions
+    from symid.robot import Joint, Robot
+    from symid.study import CutoffStudy, ElasticStudy, ManyJointsResult, PrecisionStudy, TrackingStudy
 
 T = TypeVar("T")
 Settings = Mapping[str, object]
@@ -71,7 +60,7 @@ def list_pairs(settings: Settings | None, **named: object) -> tuple[tuple[str, s
     return tuple((key.strip(), _write_value(value)) for key, value in ((*(settings or {}).items(), *given)))
 
 
-def _strip(value: T) -> T:
+def _to_plain(value: T) -> T:
     """Return a number or an array of NumPy in Python's own types, and all else as it is."""
     plain: T = value.tolist() if hasattr(value, "tolist") else value
     return plain
@@ -79,15 +68,15 @@ def _strip(value: T) -> T:
 
 def _list_periods(period: float | Sequence[float] | None) -> tuple[float, ...]:
     """Return one period, several, or none, as a tuple."""
-    plain = _strip(period)
+    plain = _to_plain(period)
     if plain is None:
         return ()
-    return (plain,) if isinstance(plain, int | float) else tuple(map(_strip, plain))
+    return (plain,) if isinstance(plain, int | float) else tuple(map(_to_plain, plain))
 
 
 def _write_value(value: object) -> str:
     """Return a value as a robot file has it."""
-    value = _strip(value)
+    value = _to_plain(value)
     match value:
         case None:
             return "none"
@@ -178,7 +167,7 @@ class RobotModel:
             >>> robot.description.processing.filter_cutoff
             20.0
         """
-        from symid.formats.loading import override_settings
+        from symid.robot import override_settings
 
         check_choice("backend", backend or self.backend, BACKENDS)
         changed = override_settings(self.description, list_pairs(settings), friction)
@@ -200,7 +189,7 @@ class RobotModel:
             >>> symid.load("panda").base.count
             43
         """
-        return find_base_set(self.description)
+        return derive_base_set(self.description)
 
     def find_base(self, form: BaseForm = "torque") -> BaseSet:
         """Return what the torques, the energies, the momentum, or torques at rest ("gravity") identify.
@@ -213,7 +202,7 @@ class RobotModel:
             >>> symid.load("two_link").find_base("gravity").names
             ('MXR1', 'MY1', 'MX2', 'MY2')
         """
-        return self.base if form == "torque" else find_base_set(self.description, form)
+        return self.base if form == "torque" else derive_base_set(self.description, form)
 
     # Derivation, exact functions and code.
 
@@ -232,7 +221,7 @@ class RobotModel:
             >>> lesson.steps[0].title
             'Frames'
         """
-        from symid.api.derivation import derive_dynamics
+        from symid.api.dynamics import derive_dynamics
 
         return derive_dynamics(self.description, self.progress, latex=latex)
 
@@ -384,21 +373,21 @@ class RobotModel:
             >>> robot.check(robot.simulate(duration=4).log).accepted
             True
         """
-        from symid.api.check import check_robot
+        from symid.api.log import check_robot
 
         return check_robot(self, logs, resample=resample)
 
     # Identification.
 
     @property
-    def workshop(self) -> "Workshop":
+    def workshop(self) -> "TaskContext":
         """Return what long work in the rooms below needs: compiled functions, and a callable for progress."""
-        from symid.tasks.identify import Workshop
+        from symid.identification import TaskContext
 
-        return Workshop(prepare=self._prepare, progress=self.progress)
+        return TaskContext(prepare=self._prepare, progress=self.progress)
 
     def _prepare(self, description: "Robot") -> "Library":
-        from symid.codegen.cache import prepare_library
+        from symid.codegen import prepare_library
 
         return prepare_library(description, progress=self.progress, backend=self.backend)
 
@@ -475,9 +464,9 @@ class RobotModel:
             >>> abs(fit["ZZ2"].value - robot.base.values["ZZ2"]) < 4 * fit["ZZ2"].std
             True
         """
-        from symid.api.identify import identify_logs
-        from symid.identification.estimator_options import RigidOptions
-        from symid.tasks.identify import IdentifyTask
+        from symid.api.identification import identify_logs
+        from symid.identification import IdentifyTask
+        from symid.identification.rigid import RigidOptions
 
         pairs = list_pairs(
             settings,
@@ -489,20 +478,20 @@ class RobotModel:
         options = RigidOptions(
             rows=rows,
             estimator=estimator,
-            overlap=_strip(overlap),
+            overlap=_to_plain(overlap),
             period=_list_periods(period),
-            prior=_find_prior(prior),
-            prior_deviation=_strip(prior_deviation),
-            prior_weight=_strip(prior_weight),
-            start=_find_known(start),
+            prior=_take_prior(prior),
+            prior_deviation=_to_plain(prior_deviation),
+            prior_weight=_to_plain(prior_weight),
+            start=_take_known(start),
             partial=partial,
         )
         given = {
-            "tolerance": _strip(tolerance),
-            "thresholds": _strip(thresholds),
-            "knees": _strip(knees),
-            "window": _strip(window),
-            "rate": _strip(rate),
+            "tolerance": _to_plain(tolerance),
+            "thresholds": _to_plain(thresholds),
+            "knees": _to_plain(knees),
+            "window": _to_plain(window),
+            "rate": _to_plain(rate),
         }
         task = IdentifyTask(pairs=pairs, rigid=options, method=method, elastic=given, options=elastic)
         return identify_logs(self, logs, task, friction)
@@ -557,9 +546,9 @@ class RobotModel:
             >>> sorted(fit.joints)
             ['elbow', 'shoulder']
         """
-        from symid.api.identify import identify_friction_of_logs
-        from symid.friction.options import FrictionOptions
-        from symid.tasks.friction import FrictionRequest
+        from symid.api.identification import identify_friction_of_logs
+        from symid.identification import FrictionRequest
+        from symid.identification.friction import FrictionOptions
 
         pairs = list_pairs(
             settings,
@@ -571,10 +560,10 @@ class RobotModel:
         request = FrictionRequest(
             model=model,
             estimator=estimator,
-            known=_find_known(known),
-            smoothing=_strip(smoothing),
+            known=_take_known(known),
+            smoothing=_to_plain(smoothing),
             period=_list_periods(period),
-            seed=_strip(seed),
+            seed=_to_plain(seed),
             friction=friction,
             options=options or FrictionOptions(),
         )
@@ -609,7 +598,7 @@ class RobotModel:
             >>> sorted(found.joints)
             ['elbow', 'shoulder']
         """
-        from symid.api.identify import identify_stiffness_of_logs
+        from symid.api.identification import identify_stiffness_of_logs
 
         pairs = list_pairs(settings, drop_first=drop_first, drop_last=drop_last)
         return identify_stiffness_of_logs(self, logs, pairs, friction)
@@ -671,17 +660,19 @@ class RobotModel:
             True
         """
         check_count("seed", seed)
-        from symid.api.excitation import find_workspace, list_numbers, search_trajectory
-        from symid.excitation.fourier import SeriesOptions
-        from symid.excitation.limits import LimitOptions
-        from symid.excitation.loads import LoadOptions
-        from symid.excitation.optimise import ExcitationOptions
-        from symid.excitation.problem import ProblemOptions
+        from symid.api.experiment import list_numbers, load_workspace, search_trajectory
+        from symid.excitation import (
+            ExcitationOptions,
+            LimitOptions,
+            ProblemOptions,
+            SeriesOptions,
+            StateLimitOptions,
+        )
 
         series = SeriesOptions(harmonics=harmonics, period=period, rest=not moving, start=list_numbers(start))
         limits = LimitOptions(share=share, sweep=sweep, speed=velocity, acceleration=acceleration, jerk=jerk)
-        space = find_workspace(self, workspace)
-        loads = LoadOptions(workspace=space, torsion=torsion, stiffness=list_numbers(stiffness))
+        space = load_workspace(self, workspace)
+        loads = StateLimitOptions(workspace=space, torsion=torsion, stiffness=list_numbers(stiffness))
         options = ExcitationOptions(
             problem=ProblemOptions(
                 series=series, limits=limits, loads=loads, deviations=list_numbers(deviations)
@@ -731,13 +722,13 @@ class RobotModel:
             >>> run.q.shape, run.tau.shape
             ((501, 2), (501, 2))
         """
-        from symid.api.simulation import simulate_experiment
+        from symid.api.experiment import simulate_experiment
 
         check_count("seed", seed)
         check_positive("noise", noise, zero=True)
-        from symid.simulation.simulated_log import StatedSensors
+        from symid.simulation import SensorSettings
 
-        sensors = StatedSensors(clean=clean, noise=noise, delay=delay, offset=offset)
+        sensors = SensorSettings(clean=clean, noise=noise, delay=delay, offset=offset)
         return simulate_experiment(
             self, trajectory, sensors, duration=duration, joint=joint, scale=scale, seed=seed
         )
@@ -786,12 +777,12 @@ class RobotModel:
             >>> round(found.mass, 1)
             1.0
         """
-        from symid.api.payload import find_model_payload
+        from symid.api.identification import identify_payload
 
         check_positive("mass", mass)
         check_choice("rows", rows, ("torque", "momentum"))
         check_choice("estimator", estimator, ("ols", "wls"))
-        return find_model_payload(self, loaded, empty, joint=joint, mass=mass, rows=rows, estimator=estimator)
+        return identify_payload(self, loaded, empty, joint=joint, mass=mass, rows=rows, estimator=estimator)
 
     def export(self, path: str | PathLike[str], *, precision: "Precision" = "double") -> "ExportedFile":
         """Write the robot with the values that its file states, in the format that the file's name ends in.
@@ -810,7 +801,7 @@ class RobotModel:
             >>> symid.load("two_link").export("two_link.urdf").format
             'URDF'
         """
-        from symid.api.export import export_robot
+        from symid.api.robot_files import export_robot
 
         return export_robot(self.description, path, precision=precision, progress=self.progress)
 
@@ -960,7 +951,7 @@ def load(
         >>> symid.load("panda").name
         'panda'
     """
-    from symid.formats.loading import load_robot
+    from symid.robot import load_robot
 
     check_choice("backend", backend, BACKENDS)
     described = load_robot(
@@ -984,7 +975,7 @@ def list_robots() -> tuple[str, ...]:
         >>> "panda" in symid.list_robots()
         True
     """
-    from symid.formats.locate import list_robots as list_names
+    from symid.robot import list_robots as list_names
 
     return list_names()
 
@@ -1006,11 +997,11 @@ def _write_gravity(gravity: Sequence[float]) -> tuple[str, str, str]:
     return (x, y, z)
 
 
-def _find_prior(prior: "Fit | str | PathLike[str] | None") -> "Estimate | Path | str | None":
-    return prior if prior == "robot" else _find_known(prior)
+def _take_prior(prior: "Fit | str | PathLike[str] | None") -> "Estimate | Path | str | None":
+    return prior if prior == "robot" else _take_known(prior)
 
 
-def _find_known(fit: "Fit | str | PathLike[str] | None") -> "Estimate | Path | None":
+def _take_known(fit: "Fit | str | PathLike[str] | None") -> "Estimate | Path | None":
     from symid.api.fit import take_estimate
 
     return take_estimate(fit)

@@ -1,6 +1,6 @@
 """Studies: many identifications of simulated robots with a known truth, methods next to each other.
 
-Input: a robot, how many draws of the noise. Output: `Study`, or `FrictionTables` for those of a paper.
+Robot, how many draws of the noise -> `Study`, or `FrictionTables` for those of a paper.
 """
 
 from collections.abc import Callable, Mapping
@@ -9,32 +9,21 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar, final
 
-from symid.api.arguments import check_count
-from symid.api.log import LogLike, find_log
-from symid.api.result import Progress, Result, ignore
+from symid.api.log import LogLike, take_one_log
+from symid.api.result import Progress, Result, check_count, ignore
 from symid.errors import Notice
 
-if TYPE_CHECKING:  # these load NumPy
+if TYPE_CHECKING:
     from symid.api.robot import RobotModel
-    from symid.report.blocks import Block
-    from symid.study.cutoff import CutoffStudy
-    from symid.study.elastic_study import ElasticStudy
-    from symid.study.friction_study import FrictionStudy
-    from symid.study.many_joints import ManyJointsResult
-    from symid.study.precision import PrecisionStudy
-    from symid.study.tracking_study import TrackingStudy
-
-__all__ = [
-    "FrictionTables",
-    "Study",
-    "list_seeds",
-    "run_cutoff",
-    "run_elastic",
-    "run_precision",
-    "run_six_joints",
-    "run_tracking",
-    "study_friction_tables",
-]
+    from symid.report import Block
+    from symid.study import (
+        CutoffStudy,
+        ElasticStudy,
+        FrictionStudy,
+        ManyJointsResult,
+        PrecisionStudy,
+        TrackingStudy,
+    )
 
 T_co = TypeVar("T_co", covariant=True)
 
@@ -82,7 +71,7 @@ class Study(Result, Generic[T_co]):
         return dict(self.described)
 
 
-def _count(progress: Progress) -> Callable[[int, int], None]:
+def _report_count(progress: Progress) -> Callable[[int, int], None]:
     """Return what tells how many tasks are done, of how many."""
 
     def tell(done: int, whole: int) -> None:
@@ -104,13 +93,15 @@ def list_seeds(seeds: int, seed: int) -> range:
 
 def run_precision(model: "RobotModel", seeds: range, jobs: int | None) -> "Study[PrecisionStudy]":
     """Return errors over the Cramer-Rao bound; see `RobotModel.study_precision`."""
-    from symid.report.study_text import show_precision
-    from symid.study.precision import study_precision
+    from symid.report import show_precision
+    from symid.study import study_precision
 
     robot = model.description
     # Made here, with its progress told, before processes look for it.
     _ = model.library
-    found = study_precision(robot, seeds, backend=model.backend, jobs=jobs, progress=_count(model.progress))
+    found = study_precision(
+        robot, seeds, backend=model.backend, jobs=jobs, progress=_report_count(model.progress)
+    )
     return Study(
         title=f"precision of {robot.name}",
         product=found,
@@ -122,17 +113,17 @@ def run_precision(model: "RobotModel", seeds: range, jobs: int | None) -> "Study
 
 def run_cutoff(model: "RobotModel", log: LogLike) -> "Study[CutoffStudy]":
     """Return what fits with different cut-offs predict; see `RobotModel.study_cutoff`."""
-    from symid.data.logs import read_one_log
-    from symid.elastic.motor_side import build_motor_recording, build_rigid_variant
-    from symid.report.study_text import show_cutoff
-    from symid.study.cutoff import study_cutoff
+    from symid.identification.elastic import build_motor_recording, build_rigid_variant
+    from symid.logs import read_one_log
+    from symid.report import show_cutoff
+    from symid.study import study_cutoff
 
     robot = model.description
-    recording = read_one_log(find_log(log), robot)
+    recording = read_one_log(take_one_log(log), robot)
     rigid = build_rigid_variant(robot) if model.elastic else robot
     library = replace(model, description=rigid).library
     measured = build_motor_recording(recording, robot)
-    found = study_cutoff(library, measured, robot.processing, progress=_count(model.progress))
+    found = study_cutoff(library, measured, robot.processing, progress=_report_count(model.progress))
     return Study(
         title=f"cut-off of {robot.name}",
         product=found,
@@ -144,13 +135,13 @@ def run_cutoff(model: "RobotModel", log: LogLike) -> "Study[CutoffStudy]":
 
 def run_elastic(model: "RobotModel", seeds: range, jobs: int | None, *, timed: bool) -> "Study[ElasticStudy]":
     """Return errors of all methods for elastic joints; see `RobotModel.study_elastic`."""
-    from symid.report.study_text import describe_elastic_study, show_elastic_study
-    from symid.study.elastic_study import study_elastic
+    from symid.report import describe_elastic_study, show_elastic_study
+    from symid.study import study_elastic
 
     robot = model.description
     _ = model.library
     found = study_elastic(
-        robot, seeds, backend=model.backend, jobs=jobs, timed=timed, progress=_count(model.progress)
+        robot, seeds, backend=model.backend, jobs=jobs, timed=timed, progress=_report_count(model.progress)
     )
     return Study(
         title=f"methods for the elastic joints of {robot.name}",
@@ -162,12 +153,14 @@ def run_elastic(model: "RobotModel", seeds: range, jobs: int | None, *, timed: b
 
 def run_tracking(model: "RobotModel", seeds: range, jobs: int | None) -> "Study[TrackingStudy]":
     """Return how links follow with identified models; see `RobotModel.study_tracking`."""
-    from symid.report.study_text import show_tracking
-    from symid.study.tracking_study import study_tracking
+    from symid.report import show_tracking
+    from symid.study import study_tracking
 
     robot = model.description
     _ = model.library
-    found = study_tracking(robot, seeds, backend=model.backend, jobs=jobs, progress=_count(model.progress))
+    found = study_tracking(
+        robot, seeds, backend=model.backend, jobs=jobs, progress=_report_count(model.progress)
+    )
     return Study(
         title=f"tracking of {robot.name}",
         product=found,
@@ -178,13 +171,12 @@ def run_tracking(model: "RobotModel", seeds: range, jobs: int | None) -> "Study[
 
 def run_six_joints(model: "RobotModel", seeds: range) -> "Study[tuple[ManyJointsResult, ...]]":
     """Return what methods leave of a held-out motion; see `RobotModel.study_six_joints`."""
-    from symid.report.study_text import describe_many_joints, show_many_joints
-    from symid.study.elastic_runs import Condition
-    from symid.study.many_joints import study_many_joints
+    from symid.report import describe_many_joints, show_many_joints
+    from symid.study import SensorCondition, study_many_joints
 
     robot, library = model.description, model.library
     found = tuple(
-        study_many_joints(robot, library, condition, seed) for seed in seeds for condition in Condition
+        study_many_joints(robot, library, condition, seed) for seed in seeds for condition in SensorCondition
     )
     return Study(
         title=f"dynamics of the elastic arm {robot.name}",
@@ -222,7 +214,7 @@ class FrictionTables(Result):
         Raises:
             OutputError: the file cannot be written.
         """
-        from symid.report.friction_study import write_friction_study_report
+        from symid.report import write_friction_study_report
 
         return write_friction_study_report(Path(path), self.product)
 
@@ -233,7 +225,7 @@ class FrictionTables(Result):
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return all tables, and what is asked of ours."""
-        from symid.report.study_text import show_friction_tables
+        from symid.report import show_friction_tables
 
         return show_friction_tables(self.product)
 
@@ -268,8 +260,10 @@ def study_friction_tables(
         Traceback (most recent call last):
         symid.errors.UsageError: 1 draw: a standard deviation over draws needs two or more
     """
-    from symid.study.friction_study import study_friction
+    from symid.study import study_friction
 
     progress("all estimators on one data set")
     numbers = list_seeds(seeds, seed)
-    return FrictionTables(product=study_friction(numbers, jobs=jobs, timed=timed, progress=_count(progress)))
+    return FrictionTables(
+        product=study_friction(numbers, jobs=jobs, timed=timed, progress=_report_count(progress))
+    )

@@ -1,1 +1,1 @@
-"""The command line: one file a verb, thin, no mathematics."""
+"""The command line: options to calls of the API."""

@@ -1,9 +1,16 @@
-"""A call of `symid`: its verbs, its exit codes, and what happens when one fails.
+"""A call of `symid`: its verbs, what it prints and where, its exit codes, and what happens when one fails.
 
-Input: the arguments. Output: the exit code; the verb's answer is printed.
+Arguments -> exit code; the verb's answer is printed: results on stdout, everything else on stderr, as text
+for people, or with --json as one object for programs:
 
-Exit codes: 0 ok, 1 result not acceptable, 2 usage, 3 input wrong, 4 nothing identifiable,
-5 solver failed, 70 a bug in symid, 74 the output could not be written, 130 interrupted.
+    {"ok": true, "result": {...}, "warnings": [{"code", "file", "line", "column", "text"}]}
+    {"ok": false, "errors": [{"code", "file", "line", "column", "text"}]}
+
+An answer that is not acceptable, such as a gate missed, has `ok` false, its errors and its result. Numbers
+that are not finite become null, which JSON has.
+
+Exit codes: 0 ok, 1 result not acceptable, 2 usage, 3 input wrong, 4 nothing identifiable, 5 solver failed,
+70 a bug in symid, 74 the output could not be written, 130 interrupted.
 
 A verb's module is imported when the verb is called, and heavy packages inside the verb.
 """
@@ -13,16 +20,118 @@ import errno
 import importlib
 import os
 import sys
+import time
 import traceback
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING
 
 import click
 
 from symid import __version__
-from symid.cli.output import Answer, print_answer, print_errors
 from symid.errors import Notice, SymidError
+from symid.serialization import write_json
 
-__all__ = ["VERBS", "run", "symid"]
+if TYPE_CHECKING:
+    from symid.api import Result
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answer:
+    """What a verb found out: `text` for people, `result` for programs.
+
+    `errors` make the answer an unacceptable one; `exit_code` is then not zero.
+    """
+
+    text: str
+    result: Mapping[str, object]
+    warnings: tuple[Notice, ...] = ()
+    errors: tuple[Notice, ...] = ()
+    exit_code: int = 0
+
+
+def make_answer(
+    result: "Result", *lines: str, exit_code: int = 1, notices: Sequence[Notice] = (), **added: object
+) -> Answer:
+    """Return the answer that a result of the API gives.
+
+    Args:
+        result: what the API returned.
+        lines: what the verb says besides, such as the file that it wrote.
+        exit_code: where the result is not acceptable.
+        notices: what the verb has to tell besides.
+        added: entries of the object for programs.
+    """
+    return Answer(
+        text="\n\n".join((result.tell(), *lines)),
+        result={**result.to_dict(), **added},
+        warnings=(*result.notices, *notices),
+        errors=result.errors,
+        exit_code=exit_code if result.errors else 0,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Console:
+    """How much is said on stderr while a verb works."""
+
+    quiet: bool = False
+    verbose: bool = False
+    start: float = field(default_factory=time.monotonic)
+
+    def progress(self, text: str) -> None:
+        """Say what begins now."""
+        if not self.quiet:
+            passed = f" [{time.monotonic() - self.start:.1f} s]" if self.verbose else ""
+            click.echo(f"{text}{passed}", err=True)
+
+    def detail(self, text: str) -> None:
+        """Say something that only matters to those who asked for more."""
+        if self.verbose:
+            click.echo(text, err=True)
+
+
+def print_answer(answer: Answer, *, as_json: bool, quiet: bool) -> None:
+    """Print the answer on stdout, its warnings and errors on stderr or in the object."""
+    if as_json:
+        click.echo(write_json(_make_envelope(answer)))
+        return
+    if answer.text:
+        click.echo(answer.text)
+    if not quiet:
+        _print_notices(answer.warnings, "warning", "yellow")
+    _print_notices(answer.errors, "error", "red")
+
+
+def print_errors(notices: Sequence[Notice], *, as_json: bool) -> None:
+    """Print errors: on stderr, or as the one object on stdout."""
+    if as_json:
+        click.echo(write_json({"ok": False, "errors": [asdict(notice) for notice in notices]}))
+    else:
+        _print_notices(notices, "error", "red")
+
+
+def _make_envelope(answer: Answer) -> dict[str, object]:
+    envelope: dict[str, object] = {"ok": not answer.errors}
+    if answer.errors:
+        envelope["errors"] = [asdict(notice) for notice in answer.errors]
+    envelope["result"] = answer.result
+    envelope["warnings"] = [asdict(notice) for notice in answer.warnings]
+    return envelope
+
+
+def _print_notices(notices: Sequence[Notice], title: str, colour: str) -> None:
+    for notice in notices:
+        # https://no-color.org: any value, if it is not empty, means no colour.
+        note = notice.is_note
+        word = "note" if note else title
+        head = (
+            word
+            if os.environ.get("NO_COLOR")
+            else click.style(word, fg="cyan" if note else colour, bold=True)
+        )
+        click.echo(f"{head}: {notice}", err=True)
+
 
 VERBS = (
     "new",
@@ -49,6 +158,17 @@ EXIT_INTERRUPTED = 130
 _STREAM_ERRORS = frozenset({errno.EPIPE, errno.ENOSPC, errno.EIO, errno.EBADF, errno.EDQUOT})
 
 
+_FILES = {
+    "first_steps": ("new", "check", "doctor", "demo"),
+    "dynamics": ("derive", "base", "generate"),
+    "experiments": ("excite", "simulate"),
+    "identification": ("identify", "payload"),
+    "results": ("validate", "compare", "export", "report"),
+    "studies": ("study",),
+}
+"""Verbs by the file that holds them; a file is loaded when one of its verbs is called."""
+
+
 class _Verbs(click.Group):
     """A group whose commands are modules of this room, imported on demand."""
 
@@ -60,8 +180,9 @@ class _Verbs(click.Group):
         """Return the verb, or None."""
         if cmd_name not in VERBS:
             return None
-        module = importlib.import_module(f"symid.cli.{cmd_name}")
-        command: click.Command = module.command
+        file = next(name for name, verbs in _FILES.items() if cmd_name in verbs)
+        module = importlib.import_module(f"symid.cli.{file}")
+        command: click.Command = getattr(module, f"{cmd_name}_command")
         return command
 
 
@@ -74,7 +195,7 @@ def symid() -> None:
     """
 
 
-def run(arguments: Sequence[str]) -> int:
+def answer_call(arguments: Sequence[str]) -> int:
     """Run the command line with `arguments`, print what it has to say, and return the exit code."""
     if sys.stdout is None:
         return _explain_stream(OSError(errno.EBADF, "standard output is closed"))

@@ -1,6 +1,6 @@
 """The entry of the command `symid`, light enough that Ctrl-C is answered from the first moment.
 
-Input: the arguments. Output: the exit code; `symid.cli.call` has the codes and their meaning.
+Arguments -> exit code; `symid.cli.call` has the codes and their meaning.
 """
 
 import os
@@ -8,16 +8,14 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from symid.threads import ask_for_one_thread
-
-__all__ = ["main", "run"]
+from symid.environment import limit_to_one_thread
 
 _INTERRUPTED = 130
 
 
 def main() -> NoReturn:
     """Run the command line and exit; linear algebra gets one thread, so that cores do not change results."""
-    ask_for_one_thread()
+    limit_to_one_thread()
     try:
         code = run(sys.argv[1:])
     except KeyboardInterrupt:
@@ -30,6 +28,6 @@ def main() -> NoReturn:
 def run(arguments: Sequence[str]) -> int:
     """Run the command line with `arguments`, print what it has to say, and return the exit code."""
     # click takes a while to load; an interruption then must not end in a traceback.
-    from symid.cli.call import run as answer
+    from symid.cli.call import answer_call as answer
 
     return answer(arguments)

@@ -1,1 +1,59 @@
-"""Functions, generated sources and the libraries built from them."""
+"""The catalogue of functions, generated C, Python and CasADi, and the libraries built from them."""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from symid.codegen.cache import (
+        locate_cache_folder as locate_cache_folder,
+        prepare_library as prepare_library,
+    )
+    from symid.codegen.calls import Call as Call, choose_call_path as choose_call_path
+    from symid.codegen.casadi_functions import (
+        build_casadi_function as build_casadi_function,
+        build_functions as build_functions,
+    )
+    from symid.codegen.catalogue import (
+        build_spring_vector as build_spring_vector,
+        list_robot_specs as list_robot_specs,
+    )
+    from symid.codegen.compiler import locate_compiler as locate_compiler
+    from symid.codegen.functions import (
+        FunctionSpec as FunctionSpec,
+        JointCard as JointCard,
+        ModelCard as ModelCard,
+        ParameterCard as ParameterCard,
+    )
+    from symid.codegen.generation import (
+        CodeRequest as CodeRequest,
+        GeneratedFolder as GeneratedFolder,
+        generate_folder as generate_folder,
+    )
+    from symid.codegen.library import Library as Library
+    from symid.codegen.model_card import build_model_card as build_model_card
+    from symid.codegen.plant_code import (
+        CompiledPlant as CompiledPlant,
+        PlantExperiment as PlantExperiment,
+        PlantLog as PlantLog,
+        PlantRobot as PlantRobot,
+        freeze_fields as freeze_fields,
+        has_addresses as has_addresses,
+        load_plant_code as load_plant_code,
+    )
+    from symid.codegen.routes import (
+        RouteCount as RouteCount,
+        count_route_operations as count_route_operations,
+    )
+    from symid.codegen.source_text import (
+        BACKENDS as BACKENDS,
+        GenerateOptions as GenerateOptions,
+        build_library_prefix as build_library_prefix,
+        clean_text as clean_text,
+    )
+    from symid.codegen.symbolic import (
+        SymbolicFunction as SymbolicFunction,
+        derive_symbolic as derive_symbolic,
+    )
+else:
+    from symid.lazy import load_names
+
+    __getattr__, __dir__, __all__ = load_names(__name__, __file__)

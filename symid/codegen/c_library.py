@@ -1,19 +1,30 @@
 """A C99 library that stands alone: header, one file a function, self-test, example, build files.
 
-Input: `Functions`: programs with their model card. Output: `SourceSet`.
+Functions -> programs and reference values -> contexts -> templates -> `SourceSet`.
 
-Functions -> programs and reference values -> contexts -> templates -> sources.
+A private header has numbers side by side (SIMD), and sine and cosine of several angles at once:
 
-Supported: double and float; one sample and batches.
-Not supported: compilers without C99 arrays of stated size (of Microsoft's, use clang-cl).
+    x -> n = round(2 x / pi), r = x - n pi/2;  sin r = r + r^3 S(r^2);  cos r = 1 - r^2/2 + r^4 C(r^2).
+
+S and C are minimax polynomials on |r| <= pi/4 (Remez 1934), found in 60 digits with the relative error of
+sin r and cos r as weight, and rounded one coefficient after another, the others fitted again each time. In
+exact arithmetic they err by less than 2^-57 (double) and 2^-27 (float).
+
+A library in the cache also holds the extension module by which Python calls it (see `calls`).
+
+Supported: double and float; one sample and batches; compilers with vector types of GCC, and C99 without
+them.
+Not supported: compilers without C99 arrays of stated size (of Microsoft's, use clang-cl); the extension
+module of float libraries.
 """
 
 import re
+from dataclasses import dataclass
 
 from symid import __version__
-from symid.codegen.build_digest import find_build_digest
-from symid.codegen.c_checks import TOLERANCES, build_self_test
-from symid.codegen.c_contexts import (
+from symid.codegen.c_friction import generate_friction_laws
+from symid.codegen.c_programs import (
+    TOLERANCES,
     CMakeContext,
     FunctionContext,
     HeaderContext,
@@ -22,29 +33,238 @@ from symid.codegen.c_contexts import (
     MakefileContext,
     PackageContext,
     ReadmeContext,
+    build_self_test,
+    write_control_loop,
+    write_state_header,
+    write_state_source,
 )
-from symid.codegen.c_helpers import write_helper
-from symid.codegen.c_loops import write_control_loop
-from symid.codegen.c_state import write_state_header, write_state_source
 from symid.codegen.casadi_functions import Functions
-from symid.codegen.describe import BANNER, Material, prepare_material, write_manifest, write_operations
-from symid.codegen.friction_c import generate_friction_laws
-from symid.codegen.functions import FunctionSpec, Port
-from symid.codegen.instructions import Operations, Program
-from symid.codegen.lanes import write_lanes
-from symid.codegen.options import GenerateOptions
-from symid.codegen.printing_c import print_c, print_lanes
-from symid.codegen.templates import write_template
-from symid.codegen.writer import SourceSet, find_digest
-from symid.joint.friction_laws import FRICTION_LAWS
+from symid.codegen.functions import FunctionSpec, ModelCard, Port
+from symid.codegen.library import compute_build_digest
+from symid.codegen.material import BANNER, Material, prepare_material, write_manifest, write_operations
+from symid.codegen.printing import print_c, print_simd, write_c_helper, write_literal
+from symid.codegen.programs import Operations, Program
+from symid.codegen.source_folder import SourceSet, compute_digest
+from symid.codegen.source_text import GenerateOptions, write_template
+from symid.joint_models import FRICTION_LAWS
 
-__all__ = ["generate_c_library"]
 
-_LANES = "_lanes.h"
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimdContext:
+    """lanes.h.jinja."""
+
+    banner: str
+    macro: str
+    real: str
+    bits: str
+    suffix: str
+    limit: str
+    limit_literal: str
+    avx_lanes: int
+    sse_lanes: int
+    two_over_pi: str
+    shifter: str
+    exponent: str
+    reduced: str
+    polynomial_lines: tuple[str, ...]
+    sign_shift: int
+    magnitude: str
+    eight_lines: tuple[str, ...]
+    four_lines: tuple[str, ...]
+    two_lines: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _NumberKind:
+    """Numbers of one precision. `parts` sum up to pi/2; products of all but the last with n are exact."""
+
+    bits: int
+    limit: float
+    shifter: float
+    two_over_pi: float
+    parts: tuple[float, ...]
+    sine: tuple[float, ...]
+    cosine: tuple[float, ...]
+
+
+_NUMBER_KINDS = {
+    "double": _NumberKind(
+        bits=64,
+        limit=1e6,
+        shifter=1.5 * 2.0**52,
+        two_over_pi=0.6366197723675814,
+        parts=(1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21),
+        sine=(
+            -0.1666666666666663,
+            0.00833333333332184,
+            -0.00019841269829358528,
+            2.7557313538514234e-06,
+            -2.5050734389257543e-08,
+            1.5895433289345187e-10,
+        ),
+        cosine=(
+            0.041666666666666595,
+            -0.0013888888888873338,
+            2.480158728899748e-05,
+            -2.7557314215299134e-07,
+            2.087570511500033e-09,
+            -1.135873277660174e-11,
+        ),
+    ),
+    "float": _NumberKind(
+        bits=32,
+        limit=1e4,
+        shifter=1.5 * 2.0**23,
+        two_over_pi=0.6366197723675814,
+        parts=(1.5703125, 0.0004837512969970703, 7.549533620476723e-08, 2.5633440682570896e-12),
+        sine=(-0.16666655242443085, 0.008332189172506332, -0.0001951828453456983),
+        cosine=(0.04166664555668831, -0.0013887309469282627, 2.4432327336398885e-05),
+    ),
+}
+
+
+def _write_polynomial(coefficients: tuple[float, ...], precision: str) -> str:
+    """Return the text of the polynomial in z, w = z z: pairs, so that few sums wait for each other."""
+    texts = [f"ALL({write_literal(value, precision)})" for value in coefficients]
+    pairs = [
+        f"({texts[k]} + z * {texts[k + 1]})" if k + 1 < len(texts) else texts[k]
+        for k in range(0, len(texts), 2)
+    ]
+    whole = pairs.pop()
+    for pair in reversed(pairs):
+        whole = f"({pair} + w * {whole})"
+    return whole
+
+
+def _write_reduction(kind: _NumberKind, precision: str) -> str:
+    text = "x"
+    for part in kind.parts:
+        text = f"({text} - n * ALL({write_literal(part, precision)}))"
+    return text[1:-1]
+
+
+def _write_polynomials(kind: _NumberKind, precision: str) -> tuple[str, ...]:
+    one, half = (f"ALL({write_literal(value, precision)})" for value in (1.0, 0.5))
+    return (
+        "const lanes w = z * z;",
+        f"const lanes a = r + (r * z) * {_write_polynomial(kind.sine, precision)};",
+        f"const lanes b = ({one} - {half} * z) + w * {_write_polynomial(kind.cosine, precision)};",
+    )
+
+
+def _write_transposition(width: int, first: int) -> list[str]:
+    """Return statements that turn `width` lanes, from x[first] on, and store them as `width` rows.
+
+    Elements are exchanged between lanes 1, 2, 4 apart, one bit of their numbers at a time.
+    """
+    names = [f"x[{first + k}]" for k in range(width)]
+    lines, step = [], 1
+    while step < width:
+        turned = list(names)
+        for k in range(width):
+            if k & step:
+                continue
+            low = [width + (i ^ step) if i & step else i for i in range(width)]
+            high = [width + i if i & step else i | step for i in range(width)]
+            for place, order in ((k, low), (k | step, high)):
+                turned[place] = f"y{first + place}_{step}"
+                numbers = ", ".join(map(str, order))
+                lines.append(
+                    f"const lanes {turned[place]} = SHUFFLE({names[k]}, {names[k | step]}, {numbers});"
+                )
+        names, step = turned, 2 * step
+    for k, name in enumerate(names):
+        lines.append(f"store_lanes(out + stride * {k} + {first}, {name});")
+    return lines
+
+
+def _write_block_store(width: int) -> tuple[str, ...]:
+    return tuple(line for first in range(0, 8, width) for line in _write_transposition(width, first))
+
+
+def write_simd_header(macro: str, precision: str) -> str:
+    """Return the header for a library whose macros begin with `macro`."""
+    kind = _NUMBER_KINDS[precision]
+    double = precision == "double"
+    context = SimdContext(
+        banner=BANNER,
+        macro=macro,
+        real=precision,
+        bits=f"uint{kind.bits}_t",
+        suffix="" if double else "f",
+        limit=f"{kind.limit:g}",
+        limit_literal=write_literal(kind.limit, precision),
+        avx_lanes=4 if double else 8,
+        sse_lanes=2 if double else 4,
+        two_over_pi=write_literal(kind.two_over_pi, precision),
+        shifter=write_literal(kind.shifter, precision),
+        exponent="0x4330000000000000" if double else "0x4b000000",
+        reduced=_write_reduction(kind, precision),
+        polynomial_lines=_write_polynomials(kind, precision),
+        sign_shift=kind.bits - 2,
+        magnitude="0x7fffffffffffffff" if double else "0x7fffffff",
+        eight_lines=_write_block_store(8),
+        four_lines=_write_block_store(4),
+        two_lines=_write_block_store(2),
+    )
+    return write_template("c/lanes.h.jinja", context)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CallFunction:
+    """One function: its name, its arguments out of one array of pointers, and what stands behind these."""
+
+    name: str
+    arguments: str
+    inputs: int
+    outputs: int
+    ports: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CallContext:
+    """python_call.c.jinja."""
+
+    banner: str
+    prefix: str
+    most_ports: int
+    most_axes: int
+    functions: tuple[CallFunction, ...]
+
+
+def _describe_call_port(port: Port) -> str:
+    return f"{{{len(port.shape)}, {{{', '.join(map(str, port.shape)) or 0}}}, {port.size}}}"
+
+
+def _describe_call(spec: FunctionSpec) -> CallFunction:
+    ports = (*spec.inputs, *spec.outputs)
+    return CallFunction(
+        name=spec.name,
+        arguments=", ".join(f"pointers[{k}]" for k in range(len(ports))),
+        inputs=len(spec.inputs),
+        outputs=len(spec.outputs),
+        ports=", ".join(map(_describe_call_port, ports)),
+    )
+
+
+def write_python_call(card: ModelCard, prefix: str) -> str:
+    """Return the C source of the calls from Python of all functions of the card."""
+    ports = [(*spec.inputs, *spec.outputs) for spec in card.functions]
+    context = CallContext(
+        banner=BANNER,
+        prefix=prefix,
+        most_ports=max(map(len, ports)),
+        most_axes=max(1, *(len(port.shape) for several in ports for port in several)),
+        functions=tuple(map(_describe_call, card.functions)),
+    )
+    return write_template("c/python_call.c.jinja", context)
+
+
+_SIMD_HEADER = "_lanes.h"
 """End of the name of the header that is not installed."""
 
 
-def _find_macro(material: Material) -> str:
+def _build_macro_prefix(material: Material) -> str:
     return material.prefix.upper()
 
 
@@ -91,7 +311,7 @@ def _write_header(material: Material) -> str:
     context = HeaderContext(
         banner=BANNER,
         prefix=material.prefix,
-        macro=_find_macro(material),
+        macro=_build_macro_prefix(material),
         robot=material.robot,
         extent=material.extent,
         joint_count=card.size,
@@ -110,17 +330,17 @@ def _write_header(material: Material) -> str:
     return write_template("c/header.h.jinja", context)
 
 
-def _find_includes(prefix: str, statements: tuple[str, ...], lanes: tuple[str, ...]) -> tuple[str, ...]:
+def _list_includes(prefix: str, statements: tuple[str, ...], lanes: tuple[str, ...]) -> tuple[str, ...]:
     lines: list[str] = []
     text = "\n".join(statements)
     if lanes or "find_sines(" in text:
-        lines.append(f'#include "{prefix}{_LANES}"')
+        lines.append(f'#include "{prefix}{_SIMD_HEADER}"')
     if re.search(r"\b(sin|cos|tan|sqrt|exp|tanh|pow|fabs)f?\(", text):
         lines += ["", "#include <math.h>"]
     return tuple(lines)
 
 
-def _write_lane_loop(macro: str, statements: tuple[str, ...]) -> tuple[str, ...]:
+def _write_simd_loop(macro: str, statements: tuple[str, ...]) -> tuple[str, ...]:
     """Return the loop over blocks of samples; where some are left over, the last block begins before them."""
     if not statements:
         return ()
@@ -141,21 +361,21 @@ def _write_function(material: Material, program: Program) -> str:
     real, spec = material.options.precision, program.spec
     own = material.options.trigonometry == "own"
     body = print_c(program, real, together=own)
-    lanes = print_lanes(program, real) if own else ()
+    lanes = print_simd(program, real) if own else ()
     ports = (*spec.inputs, *spec.outputs)
-    helpers = tuple(write_helper(name, real) for name in body.helpers)
+    helpers = tuple(write_c_helper(name, real) for name in body.helpers)
     context = FunctionContext(
         banner=BANNER,
         prefix=material.prefix,
-        macro=_find_macro(material),
+        macro=_build_macro_prefix(material),
         name=spec.name,
-        includes=_find_includes(material.prefix, body.statements, lanes),
+        includes=_list_includes(material.prefix, body.statements, lanes),
         helpers=helpers,
         definition=_declare(spec, real, restrict=True),
         batch_definition=_declare_batch(spec, real, restrict=True),
         null_test=" || ".join(f"{port.name} == NULL" for port in ports),
         statements=body.statements,
-        lane_lines=_write_lane_loop(_find_macro(material), lanes),
+        lane_lines=_write_simd_loop(_build_macro_prefix(material), lanes),
         call=", ".join(port.name if port.shared else f"{port.name} + {port.size} * k" for port in ports),
     )
     return write_template("c/function.c.jinja", context)
@@ -169,20 +389,20 @@ def _write_sources(material: Material) -> list[tuple[str, str]]:
     laws = _write_friction_laws(material)
     functions += [(path, text) for path, text in laws if path.endswith(".c")]
     header = (f"{prefix}.h", _write_header(material))
-    wanted = any(f'"{prefix}{_LANES}"' in text for _, text in functions)
-    lanes = write_lanes(_find_macro(material), material.options.precision) if wanted else ""
+    wanted = any(f'"{prefix}{_SIMD_HEADER}"' in text for _, text in functions)
+    lanes = write_simd_header(_build_macro_prefix(material), material.options.precision) if wanted else ""
     headers = [(path, text) for path, text in laws if path.endswith(".h")]
-    headers += [(f"{prefix}{_LANES}", lanes)] if wanted else []
+    headers += [(f"{prefix}{_SIMD_HEADER}", lanes)] if wanted else []
     info = InfoContext(
         banner=BANNER,
         prefix=prefix,
         version=__version__,
         signature=material.card.signature,
-        digest=find_build_digest(
+        digest=compute_build_digest(
             material.card,
             prefix=prefix,
             precision=material.options.precision,
-            files={path: find_digest(text.encode()) for path, text in (header, *headers, *functions)},
+            files={path: compute_digest(text.encode()) for path, text in (header, *headers, *functions)},
         ),
     )
     # In the order in which an update moves them in: a folder that holds a new function holds the new digest.
@@ -202,7 +422,7 @@ def _write_build_files(
     prefix = material.prefix
     sources = tuple(path for path in written if path.endswith(".c"))
     headers = [path for path in written if path.endswith(".h")]
-    public = " ".join(path for path in headers if path != f"{prefix}{_LANES}")
+    public = " ".join(path for path in headers if path != f"{prefix}{_SIMD_HEADER}")
     # CMake knows numbers alone: 1.2.3.dev4 is 1.2.3.
     numbers = re.match(r"\d+(\.\d+)*", __version__)
     version = numbers.group() if numbers else "0"

@@ -1,24 +1,35 @@
-"""Libraries that were made before, found again by a signature of all that went into them.
+"""Compiled libraries kept in the user's cache folder, found again by a signature of all that went into them.
 
-Input: a robot. Output: `Library`, from the cache or made now.
+Robot -> `Library`, from the cache or made now.
 
 The signature covers what of the robot its functions depend on (not limits, motors, logs, prose), the
-versions of symid, CasADi and SymPy, the bytes of the templates and of the modules that derive and
-print, the compiler and its flags, the machine with its processor, for which code is made. An entry is a
-folder that appears by one rename; it is used only if every file in it still has the digest noted when it was
+versions of symid, CasADi and SymPy, the bytes of the templates and of the modules that derive and print,
+the compiler and its flags, the machine with its processor, for which code is made. An entry is a folder
+that appears by one rename; it is used only if every file in it still has the digest noted when it was
 made, nobody but the user owns or may write it, and it loads. Else it is made again, and a notice says why.
 
-Supported: several processes at once; machines without a compiler, which get the NumPy module or CasADi's
-virtual machine; one cache for machines of many kinds.
-Not supported: removal of old entries; the folder may be deleted at any time.
+What is in such a folder is run. A digest beside a file tells of accidents, not of malice: who can write
+the one can write the other. So owner and permissions are checked: of the folder, of each entry, and of all
+in it.
+
+Supported: the XDG base directory specification; users without a home, who get a private temporary folder;
+several processes at once; machines without a compiler, which get the NumPy module or CasADi's virtual
+machine; one cache for machines of many kinds.
+Not supported: removal of old entries (the folder may be deleted at any time); a temporary folder that
+somebody else made or may write (another one is made then); guarding against who may write to the folders
+above the cache, against the user, or against root.
 """
 
+import contextlib
 import json
 import os
 import platform
 import secrets
 import shutil
+import stat
 import sys
+import tempfile
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
@@ -26,42 +37,154 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from symid import __version__
-from symid.codegen.cache_folder import (
-    clear_away,
-    clear_remains,
-    close_entry,
-    close_folder,
-    find_cache_folder,
-    find_distrust,
-    find_user_folder,
-    make_cache_folder,
-    make_temporary_folder,
-)
-from symid.codegen.compiler import CANDIDATES, Compiler, compile_sources, find_compiler, find_fault
+from symid.codegen.calls import choose_call_path
+from symid.codegen.compiler import CANDIDATES, Compiler, compile_sources, diagnose_compiler, locate_compiler
 from symid.codegen.library import Library, Loaded, load_library
-from symid.codegen.names import find_prefix
-from symid.codegen.options import BACKENDS
-from symid.codegen.python_call import find_call_path
-from symid.codegen.templates import find_template_bytes
-from symid.codegen.writer import MANIFEST, find_digest, write_sources
+from symid.codegen.source_folder import MANIFEST, compute_digest, write_sources
+from symid.codegen.source_text import BACKENDS, build_library_prefix, read_template_bytes
 from symid.errors import GenerationError, Notice, OutputError, UsageError
-from symid.provenance import find_signature
-from symid.robot.description import Joint, Limits, Robot
-from symid.robot.log_map import LogMap, Processing
+from symid.robot import Joint, Limits, LogMap, Processing, Robot
+from symid.serialization import compute_signature
 
-if TYPE_CHECKING:  # a library that is found needs neither CasADi nor SymPy
+if TYPE_CHECKING:
     from symid.codegen.casadi_functions import Functions
 
-__all__ = ["find_cache_folder", "find_library_key", "prepare_library"]
+_WRITE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
+_SECONDS_A_DAY = 86400.0
+
+
+def locate_user_folder() -> Path | None:
+    """Return `symid` in the user's cache folder, as the XDG specification has it; None without a home."""
+    named = os.environ.get("XDG_CACHE_HOME", "")
+    # A relative path there is to be ignored, says the specification.
+    if Path(named).is_absolute():
+        return Path(named) / "symid"
+    try:
+        home = Path.home()
+    except RuntimeError:
+        return None
+    return home / ".cache" / "symid" if home.is_absolute() else None
+
+
+def _get_temporary_folder() -> Path:
+    return Path(tempfile.gettempdir()) / f"symid-{os.getuid()}"
+
+
+def locate_cache_folder() -> Path:
+    """Return the folder in which libraries are looked for first."""
+    return locate_user_folder() or _get_temporary_folder()
+
+
+def _is_private(folder: Path, user: int) -> bool:
+    found = folder.lstat()
+    others = stat.S_IMODE(found.st_mode) & (stat.S_IRWXG | stat.S_IRWXO)
+    return stat.S_ISDIR(found.st_mode) and found.st_uid == user and not others
+
+
+def make_temporary_folder() -> Path:
+    """Return this user's own folder among the temporary ones; what is loaded from it nobody else wrote.
+
+    Raises:
+        OSError: there is no place for temporary files.
+    """
+    folder = _get_temporary_folder()
+    try:
+        folder.mkdir(mode=stat.S_IRWXU)
+    except FileExistsError:
+        if not _is_private(folder, os.getuid()) or not os.access(folder, os.W_OK):
+            return Path(tempfile.mkdtemp(prefix="symid-"))
+    return folder
+
+
+def describe_path_risk(path: Path) -> str:
+    """Return why what is at `path`, itself, may be the work of others, or nothing.
+
+    Raises:
+        OSError: it cannot be looked at.
+    """
+    found = path.lstat()
+    if not (stat.S_ISDIR(found.st_mode) or stat.S_ISREG(found.st_mode)):
+        return "is a link or no file"
+    # Elsewhere than on POSIX, these numbers mean nothing.
+    if not hasattr(os, "getuid"):
+        return ""
+    if found.st_uid != os.getuid():
+        return "belongs to another user"
+    return "may be written by others" if found.st_mode & _WRITE_BY_OTHERS else ""
+
+
+def describe_entry_risk(entry: Path) -> str:
+    """Return why what an entry of the cache holds may be the work of others, or nothing.
+
+    Raises:
+        OSError: it cannot be looked at.
+    """
+    if weakness := describe_path_risk(entry):
+        return f"it {weakness}"
+    if not entry.is_dir():
+        return "it is no folder"
+    weak = ((path, describe_path_risk(path)) for path in sorted(entry.rglob("*")))
+    return next((f"{path.relative_to(entry)} {weakness}" for path, weakness in weak if weakness), "")
+
+
+def restrict_folder(folder: Path) -> None:
+    """Take from others the right to write to the user's cache folder, if it is there and can be."""
+    with contextlib.suppress(OSError):
+        found = folder.stat()
+        if found.st_mode & _WRITE_BY_OTHERS and found.st_uid == os.getuid():
+            folder.chmod(stat.S_IMODE(found.st_mode) & ~_WRITE_BY_OTHERS)
+
+
+def make_cache_folder(folder: Path) -> None:
+    """Make the folder of the cache, closed to others, if it is not there.
+
+    Raises:
+        OSError: it cannot be made.
+        OutputError: others could put entries of theirs in the place of the user's.
+    """
+    folder.mkdir(mode=stat.S_IRWXU, parents=True, exist_ok=True)
+    # A link to a folder is the user's choice, if the folder is the user's.
+    place = folder.resolve()
+    weakness = describe_path_risk(place)
+    sticky = place.stat().st_mode & stat.S_ISVTX
+    if weakness and not (sticky and weakness == "may be written by others"):
+        text = f"the cache folder {weakness}; make it yours alone (chmod go-w), or name another one"
+        raise OutputError(Notice(code="output.cache", text=text, file=str(folder)))
+
+
+def restrict_entry(entry: Path) -> None:
+    """Take from others the right to write to an entry, which a user's umask may have left them."""
+    entry.chmod(stat.S_IRWXU)
+    for path in entry.rglob("*"):
+        path.chmod(stat.S_IMODE(path.stat().st_mode) & ~_WRITE_BY_OTHERS)
+
+
+def remove_entry(path: Path) -> None:
+    """Move what is at `path` out of the way, then remove it: nobody sees half of it."""
+    aside = path.parent / f".old-{secrets.token_hex(6)}"
+    with contextlib.suppress(FileNotFoundError):
+        path.rename(aside)
+        if aside.is_dir() and not aside.is_symlink():
+            shutil.rmtree(aside, ignore_errors=True)
+        else:
+            aside.unlink()
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Remove what processes that were killed left behind a day ago or more."""
+    for path in (*folder.glob(".new-*"), *folder.glob(".old-*")):
+        with contextlib.suppress(OSError):
+            if time.time() - path.lstat().st_mtime > _SECONDS_A_DAY:
+                shutil.rmtree(path, ignore_errors=True)
+
 
 _SEAL = "seal.json"
-_ROOMS = ("robot", "algebra", "joint", "dynamics", "parameters", "codegen")
-_MODULES = ("arrays", "errors", "notation", "provenance", "resources")
+_HASHED_ROOMS = ("robot", "joint_models", "dynamics", "codegen")
 _PACKAGE = Path(__file__).resolve().parent.parent
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Order:
+class _LibraryRequest:
     """What is to be made, and by what."""
 
     robot: Robot
@@ -72,23 +195,23 @@ class _Order:
 
 
 # A library, and what a user should know of how it was come by.
-_Obtained = tuple[Loaded, tuple[Notice, ...]]
+_ObtainedLibrary = tuple[Loaded, tuple[Notice, ...]]
 
 
-def _find_version(package: str) -> str:
+def _get_package_version(package: str) -> str:
     try:
         return version(package)
     except PackageNotFoundError:
         return ""
 
 
-def _find_code_bytes() -> tuple[tuple[str, bytes], ...]:
-    paths = sorted(path for room in _ROOMS for path in (_PACKAGE / room).glob("*.py"))
-    paths += [_PACKAGE / f"{name}.py" for name in _MODULES]
+def _read_code_bytes() -> tuple[tuple[str, bytes], ...]:
+    folders = (_PACKAGE, *(_PACKAGE / room for room in _HASHED_ROOMS))
+    paths = [path for folder in folders for path in sorted(folder.glob("*.py"))]
     return tuple((path.relative_to(_PACKAGE).as_posix(), path.read_bytes()) for path in paths)
 
 
-def _keep_model(robot: Robot) -> Robot:
+def _strip_robot(robot: Robot) -> Robot:
     """Return `robot` without what its functions do not depend on."""
 
     def keep(joint: Joint) -> Joint:
@@ -108,7 +231,7 @@ def _keep_model(robot: Robot) -> Robot:
     )
 
 
-def find_library_key(
+def compute_library_key(
     robot: Robot,
     names: tuple[str, ...] | None,
     compiler: Compiler | None,
@@ -125,26 +248,33 @@ def find_library_key(
         calls: what serves calls from Python.
         casadi: whether CasADi computes the functions.
     """
-    tools = (__version__, _find_version("casadi"), _find_version("sympy"), _find_version("mpmath"))
+    tools = (
+        __version__,
+        _get_package_version("casadi"),
+        _get_package_version("sympy"),
+        _get_package_version("mpmath"),
+    )
     built_by = (compiler or f"python {sys.version_info.major}.{sys.version_info.minor}", calls, casadi)
     # A library that was linked with a newer C library may not load with an older one.
     runtime = (
         os.confstr("CS_GNU_LIBC_VERSION") if "CS_GNU_LIBC_VERSION" in getattr(os, "confstr_names", ()) else ""
     )
     machine = (platform.system(), platform.machine(), runtime)
-    templates = find_template_bytes("c", "python", "casadi")
-    return find_signature(_keep_model(robot), names, tools, machine, templates, _find_code_bytes(), built_by)
+    templates = read_template_bytes("c", "python", "casadi")
+    return compute_signature(
+        _strip_robot(robot), names, tools, machine, templates, _read_code_bytes(), built_by
+    )
 
 
 def _read_digests(folder: Path) -> dict[str, str]:
     paths = sorted(path for path in folder.rglob("*") if path.is_file() and path.name != _SEAL)
-    return {path.relative_to(folder).as_posix(): find_digest(path.read_bytes()) for path in paths}
+    return {path.relative_to(folder).as_posix(): compute_digest(path.read_bytes()) for path in paths}
 
 
-def _find_damage(entry: Path, key: str) -> str:
+def _describe_damage(entry: Path, key: str) -> str:
     """Return what is wrong with `entry`, or nothing."""
     try:
-        if distrust := find_distrust(entry):
+        if distrust := describe_entry_risk(entry):
             return distrust
         seal: Mapping[str, object] = json.loads((entry / _SEAL).read_text(encoding="utf-8"))
         found = _read_digests(entry)
@@ -159,12 +289,11 @@ def _find_damage(entry: Path, key: str) -> str:
     return f"changed since it was made: {', '.join(changed)}" if changed else ""
 
 
-def _make_entry(order: _Order, folder: Path, key: str) -> None:
+def _make_entry(order: _LibraryRequest, folder: Path, key: str) -> None:
     # Imported here: a library that is found needs neither CasADi nor SymPy.
-    from symid.codegen.c_library import generate_c_library
+    from symid.codegen.c_library import generate_c_library, write_python_call
     from symid.codegen.casadi_functions import build_functions
-    from symid.codegen.python_call_source import write_python_call
-    from symid.codegen.python_module import generate_python_module
+    from symid.codegen.python_targets import generate_python_module
 
     order.progress(f"deriving the dynamics of {order.robot.name}")
     functions = build_functions(order.robot, names=order.names)
@@ -175,10 +304,10 @@ def _make_entry(order: _Order, folder: Path, key: str) -> None:
         write_sources(generate_python_module(functions), folder)
     else:
         order.progress("writing C")
-        prefix = find_prefix(order.robot.name)
+        prefix = build_library_prefix(order.robot.name)
         paths = write_sources(generate_c_library(functions), folder)
         sources = [path for path in paths if path.suffix == ".c" and path.name.startswith(f"{prefix}_")]
-        flags = find_call_path().flags
+        flags = choose_call_path().flags
         if flags:
             sources.append(folder / "python_call.c")
             sources[-1].write_text(write_python_call(functions.card, prefix), encoding="utf-8")
@@ -187,23 +316,23 @@ def _make_entry(order: _Order, folder: Path, key: str) -> None:
         compile_sources(compiler, sources, folder / f"lib{prefix}.so")
     seal = {"key": key, "files": _read_digests(folder)}
     (folder / _SEAL).write_text(json.dumps(seal, indent=1, sort_keys=True) + "\n", encoding="utf-8")
-    close_entry(folder)
+    restrict_entry(folder)
 
 
-def _make_casadi_entry(order: _Order, functions: "Functions", folder: Path) -> None:
+def _make_casadi_entry(order: _LibraryRequest, functions: "Functions", folder: Path) -> None:
     """Write what CasADi loads; compiled without Jacobians, which nobody asks a `Library` for."""
-    from symid.codegen.casadi_target import find_casadi_sources, generate_casadi
+    from symid.codegen.python_targets import generate_casadi_target, list_casadi_sources
 
     order.progress("writing CasADi functions and their C")
-    write_sources(generate_casadi(functions), folder)
+    write_sources(generate_casadi_target(functions), folder)
     if order.compiler is not None:
-        prefix = find_prefix(order.robot.name)
+        prefix = build_library_prefix(order.robot.name)
         order.progress(f"compiling with {order.compiler.path}")
-        sources = [folder / path for path in find_casadi_sources(prefix)]
+        sources = [folder / path for path in list_casadi_sources(prefix)]
         compile_sources(order.compiler, sources, folder / f"lib{prefix}_casadi.so")
 
 
-def _store_entry(order: _Order, entry: Path, key: str) -> None:
+def _store_entry(order: _LibraryRequest, entry: Path, key: str) -> None:
     staging = entry.parent / f".new-{secrets.token_hex(6)}"
     try:
         _make_entry(order, staging, key)
@@ -211,15 +340,15 @@ def _store_entry(order: _Order, entry: Path, key: str) -> None:
             staging.rename(entry)
         except OSError:
             # Another process may have been faster: what it made is as good.
-            if _find_damage(entry, key):
+            if _describe_damage(entry, key):
                 raise
     finally:
         shutil.rmtree(staging, ignore_errors=True)
 
 
-def _make_library(order: _Order, entry: Path, key: str, tries: int = 3) -> Loaded:
-    clear_away(entry)
-    clear_remains(entry.parent)
+def _make_library(order: _LibraryRequest, entry: Path, key: str, tries: int = 3) -> Loaded:
+    remove_entry(entry)
+    remove_leftovers(entry.parent)
     _store_entry(order, entry, key)
     try:
         return load_library(entry)
@@ -230,10 +359,10 @@ def _make_library(order: _Order, entry: Path, key: str, tries: int = 3) -> Loade
     return _make_library(order, entry, key, tries - 1)
 
 
-def _obtain_library(order: _Order, entry: Path, key: str) -> tuple[Loaded, str]:
+def _obtain_library(order: _LibraryRequest, entry: Path, key: str) -> tuple[Loaded, str]:
     """Return the library in `entry`, made if it has to be, and what was wrong with the one before."""
     damage = ""
-    if os.path.lexists(entry) and not (damage := _find_damage(entry, key)):
+    if os.path.lexists(entry) and not (damage := _describe_damage(entry, key)):
         try:
             return load_library(entry), ""
         except (GenerationError, UsageError) as error:
@@ -242,8 +371,8 @@ def _obtain_library(order: _Order, entry: Path, key: str) -> tuple[Loaded, str]:
     return _make_library(order, entry, key), damage
 
 
-def _obtain_entry(order: _Order, folder: Path, key: str) -> _Obtained:
-    entry = folder / f"{find_prefix(order.robot.name)}-{key[:24]}"
+def _obtain_entry(order: _LibraryRequest, folder: Path, key: str) -> _ObtainedLibrary:
+    entry = folder / f"{build_library_prefix(order.robot.name)}-{key[:24]}"
     try:
         make_cache_folder(folder)
         library, damage = _obtain_library(order, entry, key)
@@ -256,7 +385,7 @@ def _obtain_entry(order: _Order, folder: Path, key: str) -> _Obtained:
     return library, (Notice(code="codegen.cache-rebuilt", text=text, file=str(entry)),)
 
 
-def _obtain_temporary(order: _Order, key: str, reason: str) -> _Obtained:
+def _obtain_temporary(order: _LibraryRequest, key: str, reason: str) -> _ObtainedLibrary:
     try:
         folder = make_temporary_folder()
     except OSError as error:
@@ -267,14 +396,14 @@ def _obtain_temporary(order: _Order, key: str, reason: str) -> _Obtained:
     return library, (Notice(code="codegen.cache-temporary", text=text, file=str(folder)), *notices)
 
 
-def _obtain(order: _Order, key: str) -> _Obtained:
+def _obtain_from_user_cache(order: _LibraryRequest, key: str) -> _ObtainedLibrary:
     """Return the library from the cache of the user; with a notice from a temporary one, if need be."""
-    folder = find_user_folder()
+    folder = locate_user_folder()
     if folder is None:
         reason = "there is no home folder to keep compiled libraries in"
     else:
         # It is symid's own, but the umask of many users lets their group write to what they make.
-        close_folder(folder)
+        restrict_folder(folder)
         try:
             return _obtain_entry(order, folder, key)
         except OutputError as error:
@@ -282,22 +411,22 @@ def _obtain(order: _Order, key: str) -> _Obtained:
     return _obtain_temporary(order, key, reason)
 
 
-_INSTEAD = {"auto": "the NumPy module", "casadi": "CasADi's virtual machine"}
+_FALLBACKS = {"auto": "the NumPy module", "casadi": "CasADi's virtual machine"}
 """What serves without a compiler, by backend; where nothing does, that is an error."""
 
 
-def _find_missing(wanted: str | None) -> str:
+def _describe_missing_compiler(wanted: str | None) -> str:
     names = f"the C compiler {wanted!r}" if wanted else f"a C compiler ({', '.join(CANDIDATES)})"
     return f"{names} was not found"
 
 
-def _fall_back(order: _Order, backend: str, cache: Path | None, code: str, reason: str) -> Library:
+def _fall_back(order: _LibraryRequest, backend: str, cache: Path | None, code: str, reason: str) -> Library:
     """Return the library that needs no compiler, and say so; for "c" there is none."""
-    if backend not in _INSTEAD:
+    if backend not in _FALLBACKS:
         text = f"{reason}; give another backend than {backend!r}, or see `symid doctor`"
         raise GenerationError(Notice(code=code, text=text))
-    text = f"{reason}; {_INSTEAD[backend]} is used, which is slower"
-    return _load(replace(order, compiler=None), cache, Notice(code=code, text=text))
+    text = f"{reason}; {_FALLBACKS[backend]} is used, which is slower"
+    return _load_or_make(replace(order, compiler=None), cache, Notice(code=code, text=text))
 
 
 def prepare_library(
@@ -315,7 +444,7 @@ def prepare_library(
         robot: its log mapping and processing take no part.
         progress: told what is being done, if something has to be done.
         names: functions to include; None for all.
-        cache: folder of the cache; None for `find_cache_folder()`, and if that cannot be written, a
+        cache: folder of the cache; None for `locate_cache_folder()`, and if that cannot be written, a
             temporary folder, of which a notice tells.
         compiler: command of the C compiler; None for the first of cc, gcc, clang.
         backend: what computes the functions: "c"; "python" for NumPy; "casadi" for the C of CasADi, or where
@@ -331,8 +460,8 @@ def prepare_library(
     if backend not in BACKENDS:
         text = f"backend: expected one of {', '.join(BACKENDS)}, got {backend!r}"
         raise UsageError(Notice(code="usage.backend", text=text))
-    found = None if backend == "python" else find_compiler(compiler, native=True)
-    order = _Order(
+    found = None if backend == "python" else locate_compiler(compiler, native=True)
+    order = _LibraryRequest(
         robot=robot,
         names=names,
         compiler=found,
@@ -340,13 +469,13 @@ def prepare_library(
         casadi=backend == "casadi",
     )
     if backend == "python":
-        return _load(order, cache)
+        return _load_or_make(order, cache)
     if found is None:
-        return _fall_back(order, backend, cache, "codegen.no-compiler", _find_missing(compiler))
+        return _fall_back(order, backend, cache, "codegen.no-compiler", _describe_missing_compiler(compiler))
     try:
-        return _load(order, cache)
+        return _load_or_make(order, cache)
     except GenerationError:
-        fault = find_fault(found)
+        fault = diagnose_compiler(found)
         if not fault:
             raise
     # Not the generated code is at fault but the compiler, for example one without the C library's headers.
@@ -354,9 +483,9 @@ def prepare_library(
     return _fall_back(order, backend, cache, "codegen.compiler-unusable", reason)
 
 
-def _load(order: _Order, cache: Path | None, *notices: Notice) -> Library:
-    calls = "" if order.casadi else find_call_path().name
-    key = find_library_key(order.robot, order.names, order.compiler, calls=calls, casadi=order.casadi)
-    library, more = _obtain(order, key) if cache is None else _obtain_entry(order, cache, key)
+def _load_or_make(order: _LibraryRequest, cache: Path | None, *notices: Notice) -> Library:
+    calls = "" if order.casadi else choose_call_path().name
+    key = compute_library_key(order.robot, order.names, order.compiler, calls=calls, casadi=order.casadi)
+    library, more = _obtain_from_user_cache(order, key) if cache is None else _obtain_entry(order, cache, key)
     library.notices = (*more, *notices)
     return library

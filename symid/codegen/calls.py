@@ -1,30 +1,43 @@
-"""What goes into a function of a library: found by name, checked, and turned into arrays.
+"""Calls of a library's functions: inputs checked and turned into arrays, and the call path without ctypes.
 
-Input: a model card, the name of a function, what a caller gave. Output: float64 arrays, row-major.
+Model card, name of a function, what a caller gave -> float64 arrays, row-major.
+Shared library with the extension module of `python_call.c` in it -> the module: functions of CPython
+without copies and without ctypes in a call.
 
-Supported: anything that NumPy reads as real numbers, one sample or a batch.
-Not supported: complex numbers, text, rows of unequal length, arrays of objects.
+The extension uses two public interfaces: Python's limited API, the same for every version from 3.11, and
+NumPy's for arrays. Where their headers are not installed, calls go through ctypes.
+
+Supported: anything that NumPy reads as real numbers, one sample or a batch; extensions for CPython with
+its global lock, which a call holds, in double precision.
+Not supported: complex numbers, text, rows of unequal length, arrays of objects; extensions for other
+interpreters, free-threaded builds and float libraries.
 """
 
+import ctypes
+import sys
+import sysconfig
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib.machinery import ExtensionFileLoader, ModuleSpec
+from importlib.util import module_from_spec
 from itertools import combinations
+from pathlib import Path
+from types import ModuleType
 from typing import cast
 
 import numpy as np
 
 from symid.arrays import FloatArray
 from symid.codegen.functions import FunctionSpec, ModelCard, Port
-from symid.errors import Notice, UsageError
+from symid.errors import GenerationError, Notice, UsageError
 
-__all__ = ["Call", "allocate", "check_inputs", "check_outputs", "check_sample", "find_spec", "keep_outputs"]
-
-REAL = "biuf"
+REAL_KINDS = "biuf"
 _DOUBLE = np.dtype(np.float64)
 
 Call = Callable[..., tuple[FloatArray, ...]]
 
 
-def find_spec(card: ModelCard, name: str) -> FunctionSpec:
+def get_spec(card: ModelCard, name: str) -> FunctionSpec:
     """Return the function `name` of the card.
 
     Raises:
@@ -38,28 +51,30 @@ def find_spec(card: ModelCard, name: str) -> FunctionSpec:
     raise UsageError(Notice(code="usage.unknown-function", text=text))
 
 
-def _fail(card: ModelCard, spec: FunctionSpec, text: str) -> UsageError:
+def _build_call_input_error(card: ModelCard, spec: FunctionSpec, text: str) -> UsageError:
     notice = Notice(code="usage.shape", text=f"function {spec.name!r} of {card.robot!r}: {text}")
     return UsageError(notice)
 
 
-def _convert(card: ModelCard, spec: FunctionSpec, port: Port, value: object) -> FloatArray:
+def _convert_input(card: ModelCard, spec: FunctionSpec, port: Port, value: object) -> FloatArray:
     try:
         array = np.asarray(value)
     except (TypeError, ValueError, OverflowError) as error:
-        raise _fail(card, spec, f"input {port.name!r}: expected an array of numbers, got {error}") from error
-    if array.dtype.kind not in REAL:
+        raise _build_call_input_error(
+            card, spec, f"input {port.name!r}: expected an array of numbers, got {error}"
+        ) from error
+    if array.dtype.kind not in REAL_KINDS:
         text = f"input {port.name!r}: expected real numbers, got an array of {array.dtype}"
-        raise _fail(card, spec, text)
+        raise _build_call_input_error(card, spec, text)
     return np.ascontiguousarray(array, dtype=np.float64)
 
 
-def _convert_all(card: ModelCard, spec: FunctionSpec, inputs: Sequence[object]) -> tuple[FloatArray, ...]:
+def _convert_inputs(card: ModelCard, spec: FunctionSpec, inputs: Sequence[object]) -> tuple[FloatArray, ...]:
     if len(inputs) != len(spec.inputs):
         names = ", ".join(port.name for port in spec.inputs)
-        raise _fail(card, spec, f"expected the inputs {names}, got {len(inputs)} arrays")
+        raise _build_call_input_error(card, spec, f"expected the inputs {names}, got {len(inputs)} arrays")
     pairs = zip(spec.inputs, inputs, strict=True)
-    return tuple(_convert(card, spec, port, value) for port, value in pairs)
+    return tuple(_convert_input(card, spec, port, value) for port, value in pairs)
 
 
 def check_inputs(
@@ -70,7 +85,7 @@ def check_inputs(
     Raises:
         UsageError: a shape is wrong, or an input holds no real numbers.
     """
-    arrays = _convert_all(card, spec, inputs)
+    arrays = _convert_inputs(card, spec, inputs)
     pairs = tuple(zip(spec.inputs, arrays, strict=True))
     lead = next(((port, array) for port, array in pairs if not port.shared), None)
     samples = None
@@ -81,7 +96,7 @@ def check_inputs(
         if array.shape != (*batch, *port.shape):
             allowed = f"{port.shape}" if port.shared else f"{port.shape} or (N, {str(port.shape)[1:]}"
             text = f"input {port.name!r}: expected the shape {allowed}, N alike for all, got {array.shape}"
-            raise _fail(card, spec, text)
+            raise _build_call_input_error(card, spec, text)
     return samples, arrays
 
 
@@ -98,15 +113,15 @@ def check_sample(card: ModelCard, spec: FunctionSpec, inputs: Sequence[object]) 
                 break
         else:
             return cast("tuple[FloatArray, ...]", tuple(inputs))
-    arrays = _convert_all(card, spec, inputs)
+    arrays = _convert_inputs(card, spec, inputs)
     for port, array in zip(spec.inputs, arrays, strict=True):
         if array.shape != port.shape:
             text = f"input {port.name!r}: expected the shape {port.shape} of one sample, got {array.shape}"
-            raise _fail(card, spec, text)
+            raise _build_call_input_error(card, spec, text)
     return arrays
 
 
-def _find_refusal(array: object, shape: tuple[int, ...]) -> str:
+def _describe_refusal(array: object, shape: tuple[int, ...]) -> str:
     """Return why `array` cannot take an output, or nothing."""
     if not isinstance(array, np.ndarray):
         return f"got a {type(array).__name__}"
@@ -131,30 +146,32 @@ def check_outputs(
     names = ", ".join(port.name for port in spec.outputs)
     if not isinstance(out, tuple | list) or len(out) != len(spec.outputs):
         got = f"{len(out)} of them" if isinstance(out, tuple | list) else f"a {type(out).__name__}"
-        raise _fail(card, spec, f"out: expected a tuple of arrays for the outputs {names}, got {got}")
+        raise _build_call_input_error(
+            card, spec, f"out: expected a tuple of arrays for the outputs {names}, got {got}"
+        )
     arrays: list[FloatArray] = []
     for port, array in zip(spec.outputs, out, strict=True):
         shape = port.shape if samples is None else (samples, *port.shape)
-        if refusal := _find_refusal(array, shape):
+        if refusal := _describe_refusal(array, shape):
             text = f"out, for {port.name!r}: expected an array of float64 of the shape {shape}, {refusal}"
-            raise _fail(card, spec, text)
+            raise _build_call_input_error(card, spec, text)
         arrays.append(cast("FloatArray", array))
     pairs = combinations(zip(spec.outputs, arrays, strict=True), 2)
     for (one, first), (other, second) in pairs:
         if np.may_share_memory(first, second):
             text = f"out: the arrays for {one.name!r} and {other.name!r} share memory; give separate ones"
-            raise _fail(card, spec, text)
+            raise _build_call_input_error(card, spec, text)
     return tuple(arrays)
 
 
-def allocate(port: Port, samples: int | None, dtype: type[np.floating]) -> FloatArray:
+def allocate_output(port: Port, samples: int | None, dtype: type[np.floating]) -> FloatArray:
     """Return an array for an output, its values not set."""
     shape = port.shape if samples is None else (samples, *port.shape)
     array: FloatArray = np.empty(shape, dtype=dtype)
     return array
 
 
-def keep_outputs(
+def redirect_outputs(
     card: ModelCard, spec: FunctionSpec, call: Call, kept: tuple[FloatArray, ...] | None
 ) -> Call:
     """Return `call` of one sample, its outputs written to the arrays `kept` if there are any.
@@ -171,3 +188,63 @@ def keep_outputs(
         return kept
 
     return call_and_keep
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CallPath:
+    """How compiled functions are called from this Python.
+
+    Attributes:
+        name: the interface that serves; for ctypes also why it does.
+        flags: of the compiler, for Python's and NumPy's headers; none where ctypes serves.
+        remedy: what would make calls faster, or nothing.
+    """
+
+    name: str
+    flags: tuple[str, ...] = ()
+    remedy: str = ""
+
+
+def choose_call_path() -> CallPath:
+    """Return what serves calls from this Python: its limited API, or ctypes."""
+    if sys.implementation.name != "cpython":
+        return CallPath(name=f"ctypes: this is {sys.implementation.name}, not CPython")
+    if sysconfig.get_config_var("Py_GIL_DISABLED"):
+        return CallPath(name="ctypes: a free-threaded Python has no limited API")
+    python, numpy = sysconfig.get_path("include"), np.get_include()
+    wanted = {
+        Path(python, "Python.h"): "python3-dev",
+        Path(numpy, "numpy/arrayobject.h"): "python3-numpy-dev",
+    }
+    for header, package in wanted.items():
+        if not header.is_file():
+            gain = "calls of single samples are then ten times as fast"
+            remedy = f"install {package} (its name on Debian); {gain}"
+            return CallPath(name=f"ctypes: {header} is not installed", remedy=remedy)
+    # Python.h includes pyconfig.h, which belongs to this machine and may stand apart.
+    folders = dict.fromkeys((python, sysconfig.get_path("platinclude"), numpy))
+    flags = [flag for folder in folders for flag in ("-isystem", folder)]
+    name = f"Python's limited API, arrays of NumPy {np.__version__.partition('.')[0]}"
+    return CallPath(name=name, flags=tuple(flags))
+
+
+def load_extension(binary: Path, prefix: str) -> ModuleType | None:
+    """Return the extension module in a library, or None where calls go through ctypes.
+
+    Its `bind(name, ask, kept)` returns a function for one sample. `ask` is the same function in Python, for
+    every call that is out of the ordinary; `kept` is the tuple of arrays that every call overwrites and
+    returns, or None for new ones at each call.
+
+    Raises:
+        GenerationError: the module does not load with this Python and NumPy.
+    """
+    if not choose_call_path().flags or not hasattr(ctypes.CDLL(str(binary)), f"PyInit_{prefix}"):
+        return None
+    loader = ExtensionFileLoader(prefix, str(binary))
+    try:
+        module = module_from_spec(ModuleSpec(prefix, loader, origin=str(binary)))
+        loader.exec_module(module)
+    except ImportError as error:
+        text = f"cannot be loaded: {error}; build it again on this machine"
+        raise GenerationError(Notice(code="codegen.cannot-load", text=text, file=str(binary))) from error
+    return module

@@ -1,22 +1,172 @@
-"""The catalogue of functions in one table: names, ordered inputs and outputs, shapes, units.
+"""The catalogue of functions: names, ordered inputs and outputs, shapes, units; and the spring parameters h.
 
-Input: a robot and its base parameters, or sizes alone. Output: `FunctionSpec` records, in the table's order.
+Robot, its base parameters, or sizes alone -> `FunctionSpec` records in the order of one table.
+
+The vector h holds, for every coordinate, k0, the cubic kc where the robot file states one, k and r of
+every stop, s and R of every knee in the order of their thresholds. Names end in the number of the joint:
+k0_1, k2_1, r2_1, s1_1, R1_1. Damping is not among them.
 
 Supported: rigid robots with friction; robots all of whose joints are elastic.
-Units are written for revolute joints; of a prismatic one read m for
-rad and N for N m.
+Units are written for revolute joints; of a prismatic one read m for rad and N for N m.
 """
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from symid.codegen.functions import FunctionSpec, Port
-from symid.codegen.springs import ElasticSizes, find_elastic_sizes
-from symid.robot.description import Robot
+import numpy as np
 
-if TYPE_CHECKING:  # this loads SymPy, and users of a library do without
-    from symid.parameters.base import BaseParameters
+from symid.arrays import FloatArray
+from symid.codegen.functions import FunctionSpec, ModelCard, ParameterCard, Port
+from symid.errors import Notice, UsageError
+from symid.joint_models import SpringTerms
+from symid.notation import get_unit
+from symid.robot import Elasticity, FrictionKind, JointKind, Robot
 
-__all__ = ["find_robot_specs", "find_specs"]
+if TYPE_CHECKING:
+    from symid.dynamics import BaseParameters
+
+V = TypeVar("V")
+
+_SPRING_REASONS = {
+    "k0": "stiffness when all stops slip",
+    "kc": "hardening with the third power of the torsion",
+    "k": "stiffness of a stop",
+    "r": "torsion at which the stop slips",
+    "s": "slope added beyond the knee",
+    "R": "torque at which the knee begins",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ElasticSizes:
+    """What the catalogue must know of the elastic joints of a robot.
+
+    Args:
+        stops: all stops of the robot: length of P and Q.
+        springs: length of h.
+        invertible: whether the springs have an inverse: none has a cubic part.
+        feed: whether torque of the motors can be found from the motion of the links: every motor has a rotor
+            of its own, no spring is damped, nothing is coupled.
+    """
+
+    stops: int
+    springs: int
+    invertible: bool = True
+    feed: bool = True
+
+
+def count_elastic_sizes(robot: Robot) -> ElasticSizes | None:
+    """Return the sizes of a robot whose joints are all elastic, None of another."""
+    found = [joint.elasticity for joint in robot.axes if joint.elasticity is not None]
+    if len(found) < robot.freedom:
+        return None
+    invertible = not any(spring.cubic for spring in found)
+    # What follows is a link without a motor: it must not brake one, nor give.
+    alone = not robot.couplings and all(
+        joint.elasticity is None and joint.friction.kind is FrictionKind.NONE
+        for joint in robot.joints
+        if joint.mimic is not None
+    )
+    driven = all(joint.drive.has_rotor for joint in robot.axes)
+    return ElasticSizes(
+        stops=sum(len(spring.stops) for spring in found),
+        springs=sum(len(_list_spring_entries(spring)) for spring in found),
+        invertible=invertible,
+        feed=invertible and driven and alone and not any(spring.damping for spring in found),
+    )
+
+
+def _list_spring_entries(elasticity: Elasticity) -> list[tuple[str, int, float | None]]:
+    """Return letter, place among its like (0 if there is one only) and value of every entry of a spring."""
+    entries: list[tuple[str, int, float | None]] = [("k0", 0, elasticity.stiffness)]
+    if elasticity.cubic:
+        entries.append(("kc", 0, elasticity.cubic))
+    for place, stop in enumerate(elasticity.stops, start=1):
+        entries += [("k", place, stop.stiffness), ("r", place, stop.threshold)]
+    for place, knee in enumerate(elasticity.knees, start=1):
+        entries += [("s", place, knee.slope), ("R", place, knee.threshold)]
+    return entries
+
+
+def list_spring_parameters(robot: Robot) -> Iterator[ParameterCard]:
+    """Yield the entries of h with the values of the robot file."""
+    for number, joint in enumerate(robot.joints, start=1):
+        if joint.elasticity is None or joint.mimic is not None:
+            continue
+        prismatic = joint.kind is JointKind.PRISMATIC
+        for letter, place, value in _list_spring_entries(joint.elasticity):
+            name = f"{letter}{place or ''}_{number}"
+            yield ParameterCard(
+                name=name,
+                expression=name,
+                unit=get_unit(letter, prismatic=prismatic),
+                reason=_SPRING_REASONS[letter],
+                joint=joint.name,
+                value=value,
+            )
+
+
+def _count_spring_parts(elasticity: Elasticity) -> tuple[int, int, int, int]:
+    """Return what the place of an entry in h means: cubic parts, stops, knees below zero and above."""
+    below = sum(knee.threshold < 0 for knee in elasticity.knees)
+    return int(bool(elasticity.cubic)), len(elasticity.stops), below, len(elasticity.knees) - below
+
+
+def _check_spring_parts(elasticities: Sequence[Elasticity], card: ModelCard) -> None:
+    for joint, wanted, given in zip(card.joints, card.elasticity, elasticities, strict=True):
+        if wanted is None or _count_spring_parts(wanted) != _count_spring_parts(given):
+            allowed = "none" if wanted is None else "{} cubic parts, {} stops, {} knees below, {} above"
+            text = (
+                f"joint {joint.name!r}: the library was made for a spring with "
+                f"{allowed.format(*_count_spring_parts(wanted or given))}; this one has "
+                f"{'{}, {}, {} and {}'.format(*_count_spring_parts(given))}: generate a library for it"
+            )
+            raise UsageError(Notice(code="usage.spring-layout", text=text))
+
+
+def build_spring_vector(elasticities: Sequence[Elasticity], card: ModelCard | None = None) -> FloatArray:
+    """Return h of springs whose numbers are all known, one a coordinate.
+
+    Args:
+        elasticities: one a coordinate.
+        card: of the library that shall take h; None leaves unchecked whether its springs are built alike.
+
+    Raises:
+        UsageError: a number is unknown, or the springs have other parts than those of `card`.
+    """
+    if card is not None:
+        _check_spring_parts(elasticities, card)
+    entries = [entry for elasticity in elasticities for entry in _list_spring_entries(elasticity)]
+    values = [value for _, _, value in entries if value is not None]
+    if len(values) < len(entries):
+        text = "a stiffness of an elastic joint is unknown; give it, or identify it first"
+        raise UsageError(Notice(code="usage.unknown-spring", text=text))
+    return np.array(values)
+
+
+def build_spring_terms(elasticities: Sequence[Elasticity], values: Sequence[V]) -> list[SpringTerms[V]]:
+    """Return the springs, one a coordinate, whose numbers are the entries of h."""
+    rest = iter(values)
+    springs = []
+    for elasticity in elasticities:
+        stiffness = next(rest)
+        cubic = next(rest) if elasticity.cubic else None
+        pairs = [(next(rest), next(rest)) for _ in elasticity.stops]
+        knees = [(next(rest), next(rest)) for _ in elasticity.knees]
+        turned = tuple((threshold, slope) for slope, threshold in knees)
+        count = sum(knee.threshold < 0 for knee in elasticity.knees)
+        springs.append(
+            SpringTerms(
+                stiffness=stiffness,
+                cubic=cubic,
+                stops=tuple((threshold, weight) for weight, threshold in pairs),
+                above=turned[count:],
+                below=turned[:count][::-1],
+            )
+        )
+    return springs
+
 
 # Name: shape in letters (n coordinates, l links, b inertial and p friction parameters,
 # s stops, h parameters of springs), unit, meaning.
@@ -150,7 +300,7 @@ _FRICTION = (
         "friction torque per friction parameter",
     ),
 )
-_STEP = (
+_HYSTERESIS = (
     (
         "hysteresis_step",
         "phi P h",
@@ -161,7 +311,7 @@ _STEP = (
         "torque of the springs when the torsion has gone to phi, without turning back on the way",
     ),
 )
-_INVERSE = (
+_INVERSE_HYSTERESIS = (
     (
         "hysteresis_inverse_step",
         "tau_J Q h",
@@ -172,7 +322,7 @@ _INVERSE = (
         "torsion of the springs when their torque has gone to tau_J, without turning back on the way",
     ),
 )
-_FEED = (
+_FEED_FORWARD = (
     (
         "elastic_inverse_dynamics",
         "q dq ddq dddq ddddq beta IA f h Q",
@@ -187,15 +337,15 @@ _FEED = (
 )
 
 
-def _find_entries(friction: int, elastic: ElasticSizes | None) -> tuple[tuple[Any, ...], ...]:
+def _list_catalogue_entries(friction: int, elastic: ElasticSizes | None) -> tuple[tuple[Any, ...], ...]:
     entries: tuple[tuple[Any, ...], ...] = (*_RIGID, *_FRICTION) if friction else _RIGID
     if elastic is None:
         return entries
-    inverse = _INVERSE if elastic.invertible else ()
-    return (*entries, *_STEP, *inverse, *(_FEED if elastic.feed else ()))
+    inverse = _INVERSE_HYSTERESIS if elastic.invertible else ()
+    return (*entries, *_HYSTERESIS, *inverse, *(_FEED_FORWARD if elastic.feed else ()))
 
 
-def find_specs(
+def list_specs(
     joints: int,
     parameters: int,
     friction: int,
@@ -238,17 +388,17 @@ def find_specs(
             outputs=tuple(find_port(*output) for output in outputs if is_there(output[1])),
             meaning=meaning,
         )
-        for name, inputs, outputs, meaning in _find_entries(friction, elastic)
+        for name, inputs, outputs, meaning in _list_catalogue_entries(friction, elastic)
     )
 
 
-def find_robot_specs(robot: Robot, base: "BaseParameters") -> tuple[FunctionSpec, ...]:
+def list_robot_specs(robot: Robot, base: "BaseParameters") -> tuple[FunctionSpec, ...]:
     """Return the catalogue for a robot and the parameters that its functions take."""
-    return find_specs(
+    return list_specs(
         robot.freedom,
         base.count,
         len(base.friction),
         links=robot.size,
         vector=base.vector,
-        elastic=find_elastic_sizes(robot),
+        elastic=count_elastic_sizes(robot),
     )

@@ -1,51 +1,193 @@
-"""A C compiler, if the machine has one, and what it makes of generated sources.
+"""A C compiler, if the machine has one, what it makes of generated sources, and how large that is.
 
-Input: C files. Output: a shared library. On failure the message holds the command and what the
-compiler said.
-
-Supported: cc, gcc and clang, or one given by name; code for the processor at hand, on Linux.
+C files -> shared library. On failure the message holds the command and what the compiler said.
+Folder with object files -> `CodeSize` by function: code, constants, stack.
 
 Arithmetic stays that of IEEE 754, operation by operation: no fast-math, and no product fused with a sum
-(-ffp-contract=off, which is not what every compiler does unasked). So the same input gives the same bytes
-whether or not the processor can fuse them, with code for this processor or for any of its kind; what is
-left to differ is the C library's sine and cosine. Fusing would save 4 to 13 % of a call's time. GCC 12 fuses
-even so where it makes vectors of straight code, hence -fno-tree-slp-vectorize, which costs nothing.
+(-ffp-contract=off, which is not every compiler's default). So the same input gives the same bytes whether
+or not the processor can fuse them, with code for this processor or for any of its kind; what is left to
+differ is the C library's sine and cosine. Fusing would save 4 to 13 % of a call's time. GCC 12 fuses even
+so where it vectorises straight-line code, hence -fno-tree-slp-vectorize, which costs nothing.
+
+Code and constants are read from the object file of each function, stack from what the compiler writes with
+`STACK_FLAG`. No function recurses: the stack of one is at most its own frame and those of all that it may
+call in its file. What the functions of the mathematics library take comes on top.
+
+Supported: cc, gcc and clang, or one given by name; code for the processor at hand, on Linux; sizes from
+ELF files of 32 and 64 bits, both byte orders.
+Not supported: sizes from Mach-O, COFF or linked files; there are none then.
 """
 
 import os
 import shutil
+import struct
 import subprocess
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from enum import IntEnum
 from functools import cache
 from pathlib import Path
 
 from symid.errors import GenerationError, Notice
 
-__all__ = [
-    "CANDIDATES",
-    "FLAGS",
-    "Compiler",
-    "compile_sources",
-    "find_compiler",
-    "find_fault",
-    "find_processor",
-]
+_ELF_MAGIC = b"\x7fELF"
+_ELF_SYMBOL_TABLE = 2
+_ELF_FUNCTION = 2
+
+
+class _ElfClass(IntEnum):
+    """The fifth byte of an ELF file."""
+
+    BITS_32 = 1
+    BITS_64 = 2
+
+
+# Where the header has offset, size, count and name table of the sections; how a section and a symbol read.
+_ELF_HEADER = {_ElfClass.BITS_32: (32, "I", 46), _ElfClass.BITS_64: (40, "Q", 58)}
+_ELF_SECTION = {_ElfClass.BITS_32: "IIIIIIIIII", _ElfClass.BITS_64: "IIQQQQIIQQ"}
+_ELF_SYMBOL = {_ElfClass.BITS_32: "IIIBBH", _ElfClass.BITS_64: "IBBHQQ"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ObjectFile:
+    """Sizes in bytes: of every function by its name, and of all constants."""
+
+    functions: dict[str, int]
+    constants: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _ElfSection:
+    name: str
+    kind: int
+    offset: int
+    size: int
+    link: int
+
+
+def _read_text(content: bytes, start: int) -> str:
+    return content[start : content.index(b"\0", start)].decode("utf-8", "replace")
+
+
+def _read_sections(content: bytes, order: str, bits: _ElfClass) -> list[_ElfSection]:
+    where, letter, counts = _ELF_HEADER[bits]
+    (start,) = struct.unpack_from(order + letter, content, where)
+    size, count, names = struct.unpack_from(f"{order}HHH", content, counts)
+    rows = [struct.unpack_from(order + _ELF_SECTION[bits], content, start + size * k) for k in range(count)]
+    base = rows[names][4]
+    return [
+        _ElfSection(
+            name=_read_text(content, base + row[0]), kind=row[1], offset=row[4], size=row[5], link=row[6]
+        )
+        for row in rows
+    ]
+
+
+def _read_function_sizes(
+    content: bytes, order: str, bits: _ElfClass, sections: list[_ElfSection]
+) -> Iterator[tuple[str, int]]:
+    layout = order + _ELF_SYMBOL[bits]
+    # The places of size, kind and section in a row; the name comes first in both.
+    places = (2, 3, 5) if bits is _ElfClass.BITS_32 else (5, 1, 3)
+    for table in sections:
+        if table.kind != _ELF_SYMBOL_TABLE:
+            continue
+        names = sections[table.link].offset
+        for row in struct.iter_unpack(layout, content[table.offset : table.offset + table.size]):
+            size, info, section = (row[place] for place in places)
+            # Functions of other files have no section here.
+            if info % 16 == _ELF_FUNCTION and section != 0:
+                yield _read_text(content, names + row[0]), size
+
+
+def read_object_file(content: bytes) -> ObjectFile | None:
+    """Return the sizes in an object file, None for a format that is not ELF or a file that is cut off."""
+    if content[:4] != _ELF_MAGIC or content[4:5] not in {b"\1", b"\2"}:
+        return None
+    bits, order = _ElfClass(content[4]), ">" if content[5:6] == b"\2" else "<"
+    try:
+        sections = _read_sections(content, order, bits)
+        functions = dict(_read_function_sizes(content, order, bits, sections))
+    except (struct.error, IndexError, ValueError):
+        return None
+    constants = sum(section.size for section in sections if section.name.startswith(".rodata"))
+    return ObjectFile(functions=functions, constants=constants)
+
+
+STACK_FLAG = "-fstack-usage"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CodeSize:
+    """Bytes of a function for one sample, and of its batch with all that only that needs.
+
+    `constants` are those of both. `stack` and `batch_stack` are bounds; None where the compiler says none.
+    """
+
+    code: int
+    batch_code: int
+    constants: int
+    stack: int | None
+    batch_stack: int | None
+
+
+def _read_stack_frames(path: Path) -> dict[str, int] | None:
+    """Return bytes of stack by function; the compiler writes file:line:column:name, size and kind."""
+    try:
+        rows = [line.split("\t") for line in path.read_text(encoding="utf-8").splitlines()]
+        # A frame without a bound has a size that is none.
+        if any("dynamic" in row[2] and "bounded" not in row[2] for row in rows):
+            return None
+        return {row[0].rpartition(":")[2]: int(row[1]) for row in rows}
+    except (OSError, ValueError, IndexError):
+        return None
+
+
+def _measure_code_size(folder: Path, symbol: str) -> CodeSize | None:
+    try:
+        found = read_object_file((folder / f"{symbol}.o").read_bytes())
+    except OSError:
+        return None
+    if found is None or symbol not in found.functions:
+        return None
+    code = found.functions[symbol]
+    frames = _read_stack_frames(folder / f"{symbol}.su")
+    batch = f"{symbol}_batch"
+    return CodeSize(
+        code=code,
+        batch_code=sum(found.functions.values()) - code,
+        constants=found.constants,
+        stack=None if frames is None else sum(frames.values()) - frames.get(batch, 0),
+        batch_stack=None if frames is None else sum(frames.values()),
+    )
+
+
+def measure_code_sizes(folder: Path, prefix: str, names: Sequence[str]) -> dict[str, CodeSize]:
+    """Return the sizes of the functions `names`, without those of which nothing is known.
+
+    Args:
+        folder: of sources and object files.
+        prefix: of the library.
+        names: of functions without the prefix.
+    """
+    sizes = {name: _measure_code_size(folder, f"{prefix}_{name}") for name in names}
+    return {name: size for name, size in sizes.items() if size is not None}
+
 
 # -O3 makes the same code of straight lines, in the same time.
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fno-tree-slp-vectorize", "-fPIC")
-_NATIVE = "-march=native"
+_NATIVE_FLAG = "-march=native"
 CANDIDATES = ("cc", "gcc", "clang")
 _WORKERS = 2
-_SMALLEST = "#include <math.h>\ndouble smallest(double x) { return sin(x); }\n"
-_TIMEOUT = 600.0
+_SMALLEST_SOURCE = "#include <math.h>\ndouble smallest(double x) { return sin(x); }\n"
+_COMPILER_TIMEOUT = 600.0
 _PROCESSORS = Path("/proc/cpuinfo")
 # What Linux tells of a processor on one kind of machine or another: what it can do, and which one it is;
 # not what changes, such as its clock.
-_ABILITIES = frozenset({"flags", "Features", "features", "isa", "cpu"})
-_NAMES = frozenset(
+_PROCESSOR_ABILITIES = frozenset({"flags", "Features", "features", "isa", "cpu"})
+_PROCESSOR_NAMES = frozenset(
     {
         *("vendor_id", "cpu family", "model", "model name", "stepping", "uarch", "revision"),
         *("CPU implementer", "CPU architecture", "CPU variant", "CPU part", "CPU revision"),
@@ -66,14 +208,14 @@ class Compiler:
     processor: str = ""
 
 
-def _run(command: Sequence[str]) -> str:
+def _run_compiler(command: Sequence[str]) -> str:
     try:
         done = subprocess.run(
             command,
             capture_output=True,
             text=True,
             check=False,
-            timeout=_TIMEOUT,
+            timeout=_COMPILER_TIMEOUT,
             # A store of objects that machines share may not know which of them "native" meant.
             env={**os.environ, "CCACHE_DISABLE": "1"},
         )
@@ -86,7 +228,7 @@ def _run(command: Sequence[str]) -> str:
     return done.stdout
 
 
-def find_processor() -> str:
+def read_processor() -> str:
     """Return what tells this machine's processors from others, or nothing where that cannot be said."""
     try:
         lines = _PROCESSORS.read_text(encoding="utf-8", errors="replace").splitlines()
@@ -94,12 +236,12 @@ def find_processor() -> str:
         return ""
     pairs = (line.partition(":") for line in lines)
     traits = {(name.strip(), value.strip()) for name, _, value in pairs}
-    told = sorted((name, value) for name, value in traits if name in _ABILITIES | _NAMES)
+    told = sorted((name, value) for name, value in traits if name in _PROCESSOR_ABILITIES | _PROCESSOR_NAMES)
     # A name alone does not say what a hypervisor or the system has switched off.
-    return "\n".join(f"{n}: {v}" for n, v in told) if any(n in _ABILITIES for n, _ in told) else ""
+    return "\n".join(f"{n}: {v}" for n, v in told) if any(n in _PROCESSOR_ABILITIES for n, _ in told) else ""
 
 
-def find_compiler(command: str | None = None, *, native: bool = False) -> Compiler | None:
+def locate_compiler(command: str | None = None, *, native: bool = False) -> Compiler | None:
     """Return the first compiler that answers, or None.
 
     Args:
@@ -111,34 +253,44 @@ def find_compiler(command: str | None = None, *, native: bool = False) -> Compil
         if path is None:
             continue
         try:
-            lines = _run((path, "--version")).splitlines()
+            lines = _run_compiler((path, "--version")).splitlines()
         except GenerationError:
             continue
-        processor = find_processor() if native else ""
+        processor = read_processor() if native else ""
         return Compiler(path=path, version=lines[0] if lines else "", processor=processor)
     return None
 
 
 @cache
-def _find_native_flags(compiler: Compiler) -> tuple[str, ...]:
+def _choose_native_flags(compiler: Compiler) -> tuple[str, ...]:
     """Return the flags for code of the processor at hand, if such is wanted and the compiler can."""
     if not compiler.processor:
         return ()
     with tempfile.TemporaryDirectory(prefix="symid-") as scratch:
         source = Path(scratch) / "smallest.c"
-        source.write_text(_SMALLEST, encoding="utf-8")
+        source.write_text(_SMALLEST_SOURCE, encoding="utf-8")
         try:
-            _run((compiler.path, *compiler.flags, _NATIVE, "-c", str(source), "-o", f"{scratch}/smallest.o"))
+            _run_compiler(
+                (
+                    compiler.path,
+                    *compiler.flags,
+                    _NATIVE_FLAG,
+                    "-c",
+                    str(source),
+                    "-o",
+                    f"{scratch}/smallest.o",
+                )
+            )
         except GenerationError:
             return ()
-    return (_NATIVE,)
+    return (_NATIVE_FLAG,)
 
 
-def find_fault(compiler: Compiler) -> str:
+def diagnose_compiler(compiler: Compiler) -> str:
     """Return why the compiler cannot make a library of the smallest file, or nothing: is it the machine?"""
     with tempfile.TemporaryDirectory(prefix="symid-") as scratch:
         source = Path(scratch) / "smallest.c"
-        source.write_text(_SMALLEST, encoding="utf-8")
+        source.write_text(_SMALLEST_SOURCE, encoding="utf-8")
         try:
             compile_sources(compiler, [source], Path(scratch) / "smallest.so")
         except GenerationError as error:
@@ -152,7 +304,7 @@ def compile_sources(compiler: Compiler, sources: Sequence[Path], output: Path) -
     Raises:
         GenerationError: the compiler fails; the message holds the command and its errors.
     """
-    flags = (*compiler.flags, *_find_native_flags(compiler))
+    flags = (*compiler.flags, *_choose_native_flags(compiler))
     with tempfile.TemporaryDirectory(prefix="symid-") as scratch:
         objects = [Path(scratch) / f"{source.stem}.o" for source in sources]
         commands = [
@@ -160,8 +312,8 @@ def compile_sources(compiler: Compiler, sources: Sequence[Path], output: Path) -
             for source, target in zip(sources, objects, strict=True)
         ]
         with ThreadPoolExecutor(max_workers=_WORKERS) as pool:
-            list(pool.map(_run, commands))
+            list(pool.map(_run_compiler, commands))
         linked = Path(scratch) / output.name
-        _run((compiler.path, "-shared", *map(str, objects), "-o", str(linked), "-lm"))
+        _run_compiler((compiler.path, "-shared", *map(str, objects), "-o", str(linked), "-lm"))
         shutil.copyfile(linked, output)
     return output

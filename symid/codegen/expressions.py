@@ -1,12 +1,14 @@
-"""From a straight-line program to SymPy expressions.
+"""From a straight-line program over exact numbers to SymPy expressions.
 
-Input: a program and the expressions of its inputs. Output: expressions of its outputs, and the program itself
-as named intermediate results.
+Program, expressions of its inputs -> expressions of its outputs, and the program itself as named
+intermediate results.
 
-What is a short polynomial in the inputs, sines and cosines is written as such, collected by parameters, then
-by sines and cosines; s^2 + c^2 = 1 has been used. Longer values are the program's own operations, nested.
+What is a short polynomial in the inputs, sines and cosines is written as such, in normal form:
+s^2 = 1 - c^2 and the squares of roots are replaced, terms are collected by parameters, then by sines and
+cosines, and sums of angles are found in products. Longer values are the program's own operations, nested.
 
-Supported: all operations of `Op`. Not supported: a closed form of nested values; nothing is expanded.
+Supported: all operations of `Op`; polynomials of sums, products, sines and cosines.
+Not supported: a closed form of nested values; nothing is expanded.
 """
 
 import itertools
@@ -20,20 +22,197 @@ from typing import Any
 
 import sympy
 from sympy import QQ, Add, Expr, Integer, Mul, Rational, Symbol
+from sympy.polys.rings import PolyElement, PolyRing
 
-from symid.codegen.instructions import Op, Program
-from symid.codegen.polynomials import (
-    SOURCES,
-    Source,
-    Terms,
-    count_each,
-    find_algebraic,
-    find_letters,
-    find_polynomials,
-    raise_powers,
-)
+from symid.codegen.programs import NUMBERS, Instruction, Op, Program
+from symid.robot import Exact
 
-__all__ = ["count_written_out", "share_values", "write_values"]
+Terms = dict[tuple[int, ...], Any]
+"""Coefficients of a polynomial, rational numbers of SymPy, by the powers of its letters."""
+KnownSquare = tuple[int, tuple[tuple[Mapping[int, int], int], ...]]
+"""A generator, and its square as powers of others and an integer."""
+
+# A polynomial is short with so many terms; none is sought where the program's own operations, written out,
+# are more than so many, or where so many products would be made at once.
+_MOST_TERMS = 80
+_MOST_OPERATIONS = 400
+_MOST_PRODUCTS = 1000
+SOURCE_OPS = frozenset({Op.INPUT, Op.CONSTANT})
+_TRIGONOMETRIC = frozenset({Op.SIN, Op.COS})
+_ALGEBRAIC = frozenset({Op.ADD, Op.SUB, Op.MUL, *SOURCE_OPS, *_TRIGONOMETRIC})
+
+
+def count_expanded_values(instructions: Sequence[Instruction]) -> list[int]:
+    """Return the operations of every value when written out; of the reference 0, none."""
+    sizes = [0]
+    for instruction in instructions:
+        own = () if instruction.op in SOURCE_OPS else instruction.args
+        sizes.append(0 if instruction.op in SOURCE_OPS else 1 + sum(sizes[abs(ref)] for ref in own))
+    return sizes
+
+
+def mark_algebraic(instructions: Sequence[Instruction]) -> list[bool]:
+    """Return whether a value is made of sums, products, sines and cosines alone, however long."""
+    found = [True]
+    for instruction in instructions:
+        own = () if instruction.op in SOURCE_OPS else instruction.args
+        found.append(instruction.op in _ALGEBRAIC and all(found[abs(ref)] for ref in own))
+    return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExactProgram:
+    """A program over exact numbers, and what its inputs are called.
+
+    Args:
+        program: its constants are exact as doubles; other numbers are elements of the port `NUMBERS`.
+        numbers: those numbers.
+        inputs: per input port the expressions of its elements.
+    """
+
+    program: Program
+    numbers: tuple[Exact, ...]
+    inputs: tuple[tuple[Expr, ...], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PolynomialGenerators:
+    """The generators of a program's polynomials: parameters, sines and cosines in pairs, then the others.
+
+    `places` has the generator of every element that is read, `turns` that of the sine of every angle, whose
+    cosine follows it. Symbolic lengths have theirs in `lengths`; sqrt(2) and sqrt(3) are the last two.
+    """
+
+    ring: PolyRing
+    parameters: int
+    places: Mapping[tuple[int, ...], int]
+    turns: Mapping[int, int]
+    lengths: Mapping[str, int]
+
+    @property
+    def squares(self) -> list[KnownSquare]:
+        """Return the generators whose square is known: s^2 = 1 - c^2, and those of roots."""
+        last = len(self.ring.gens) - 1
+        circles: list[KnownSquare] = [(sine, (({}, 1), ({sine + 1: 2}, -1))) for sine in self.turns.values()]
+        return [*circles, (last - 1, (({}, 2),)), (last, (({}, 3),))]
+
+    def convert(self, number: Exact) -> PolyElement:
+        """Return an exact number or linear form of symbolic lengths."""
+        two, three = self.ring.gens[-2:]
+        total = self.ring.zero
+        for name, surd in number.terms:
+            basis = (self.ring.one, two, three, two * three)
+            parts = (QQ(c.numerator, c.denominator) * root for c, root in zip(surd, basis, strict=True))
+            value = sum(parts, self.ring.zero)
+            total += value * self.ring.gens[self.lengths[name]] if name else value
+        return total
+
+
+def build_generators(source: ExactProgram) -> PolynomialGenerators:
+    """Return the generators of a program, as many as it needs."""
+    instructions, inputs = source.program.instructions, source.program.spec.inputs
+    read = [i.args for i in instructions if i.op is Op.INPUT and i.args[0] >= 0]
+    parameters = [key for key in read if inputs[key[0]].shared]
+    others = [key for key in read if not inputs[key[0]].shared]
+    angles = sorted({abs(i.args[0]) for i in instructions if i.op in _TRIGONOMETRIC})
+    lengths = sorted({name for number in source.numbers for name in number.symbols})
+    start = len(parameters)
+    behind = start + 2 * len(angles)
+    places = {key: place for place, key in enumerate(parameters)}
+    places |= {key: place for place, key in enumerate(others, start=behind)}
+    last = behind + len(others)
+    return PolynomialGenerators(
+        parameters=start,
+        ring=PolyRing([f"x{place}" for place in range(last + len(lengths) + 2)], QQ),
+        places=places,
+        turns={ref: start + 2 * place for place, ref in enumerate(angles)},
+        lengths={name: place for place, name in enumerate(lengths, start=last)},
+    )
+
+
+def raise_powers(monomial: tuple[int, ...], changes: Mapping[int, int]) -> tuple[int, ...]:
+    """Return the monomial with the powers of some letters changed."""
+    return tuple(power + changes.get(place, 0) for place, power in enumerate(monomial))
+
+
+def _replace_squares(value: PolyElement, squares: Sequence[KnownSquare]) -> PolyElement:
+    """Return `value` with every known square of a generator replaced."""
+    terms: Terms = dict(value)
+    for place, square in squares:
+        waiting = [monomial for monomial in terms if monomial[place] > 1]
+        while waiting:
+            monomial = waiting.pop()
+            coefficient = terms.pop(monomial, None)
+            if coefficient is None:
+                continue
+            for powers, factor in square:
+                key = raise_powers(monomial, {**powers, place: -2})
+                terms[key] = terms.get(key, 0) + factor * coefficient
+                if key[place] > 1:
+                    waiting.append(key)
+    return value.ring.from_dict(terms)
+
+
+def _choose_useful_values(program: Program, sizes: Sequence[int]) -> frozenset[int]:
+    """Return the values whose polynomials are of use, in writing or on the way to others.
+
+    Written are outputs, and what meets a quotient, an absolute value and the like on its way there.
+    """
+    algebraic = mark_algebraic(program.instructions)
+    wanted = {abs(ref) for port in program.outputs for ref in port}
+    for number in range(len(program.instructions), 0, -1):
+        instruction = program.instructions[number - 1]
+        if instruction.op in SOURCE_OPS:
+            wanted.add(number)
+        elif not algebraic[number] or instruction.op in _TRIGONOMETRIC or number in wanted:
+            if sizes[number] <= _MOST_OPERATIONS or not algebraic[number]:
+                wanted.update(map(abs, instruction.args))
+            else:
+                wanted.discard(number)
+    return frozenset(wanted)
+
+
+def build_polynomials(source: ExactProgram, letters: PolynomialGenerators) -> list[PolyElement | None]:
+    """Return the polynomial of every value by its reference; None where it is long, or none at all."""
+    ring, squares = letters.ring, letters.squares
+    wanted = _choose_useful_values(source.program, count_expanded_values(source.program.instructions))
+    values: list[PolyElement | None] = [ring.zero]
+
+    def read(instruction: Instruction) -> PolyElement:
+        if instruction.op is Op.CONSTANT:
+            constant = Fraction(instruction.constant)
+            return ring.ground_new(QQ(constant.numerator, constant.denominator))
+        if instruction.args[0] == NUMBERS:
+            return letters.convert(source.numbers[instruction.args[1]])
+        return ring.gens[letters.places[instruction.args]]
+
+    def compute(number: int, instruction: Instruction) -> PolyElement | None:
+        op, args = instruction.op, instruction.args
+        if number not in wanted:
+            return None
+        if op in SOURCE_OPS:
+            return read(instruction)
+        found = [values[abs(ref)] for ref in args]
+        known = [
+            value if ref > 0 else -value for ref, value in zip(args, found, strict=True) if value is not None
+        ]
+        if len(known) < len(args) or op not in _ALGEBRAIC:
+            return None
+        if op in _TRIGONOMETRIC:
+            return ring.gens[letters.turns[args[0]] + (op is Op.COS)]
+        left, right = known
+        if op is not Op.MUL:
+            result = left + right if op is Op.ADD else left - right
+        elif len(left) * len(right) > _MOST_PRODUCTS:
+            return None
+        else:
+            result = _replace_squares(left * right, squares)
+        return result if len(result) <= _MOST_TERMS else None
+
+    for number, instruction in enumerate(source.program.instructions, start=1):
+        values.append(compute(number, instruction))
+    return values
+
 
 # Few terms are written as a polynomial in any case, more of them if they take so many operations each.
 _FEW = 20
@@ -46,11 +225,11 @@ def _select(chosen: Expr, value: Expr) -> Expr:
     return sympy.Piecewise((value, sympy.Ne(chosen, 0)), (0, True))
 
 
-def _find_truth(condition: Expr) -> Expr:
+def _write_truth(condition: Expr) -> Expr:
     return sympy.Piecewise((1, condition), (0, True))
 
 
-_RULES: Mapping[Op, Callable[..., Expr]] = {
+_SYMPY_RULES: Mapping[Op, Callable[..., Expr]] = {
     Op.ADD: lambda a, b: a + b,
     Op.SUB: lambda a, b: a - b,
     Op.MUL: lambda a, b: a * b,
@@ -64,9 +243,9 @@ _RULES: Mapping[Op, Callable[..., Expr]] = {
     Op.POWER: lambda a, b: a**b,
     Op.ABS: sympy.Abs,
     Op.SIGN: sympy.sign,
-    Op.LESS: lambda a, b: _find_truth(sympy.Lt(a, b)),
-    Op.LESS_EQUAL: lambda a, b: _find_truth(sympy.Le(a, b)),
-    Op.IS_ZERO: lambda a: _find_truth(sympy.Eq(a, 0)),
+    Op.LESS: lambda a, b: _write_truth(sympy.Lt(a, b)),
+    Op.LESS_EQUAL: lambda a, b: _write_truth(sympy.Le(a, b)),
+    Op.IS_ZERO: lambda a: _write_truth(sympy.Eq(a, 0)),
     Op.SELECT: _select,
     # SymPy would compare long expressions with one another to find out which is greater.
     Op.MAXIMUM: lambda a, b: sympy.Max(a, b, evaluate=False),
@@ -74,14 +253,14 @@ _RULES: Mapping[Op, Callable[..., Expr]] = {
 }
 
 
-def count_written_out(program: Program) -> int:
+def count_expanded_operations(program: Program) -> int:
     """Return the operations of all outputs together when no two of them share a value."""
-    sizes = count_each(program.instructions)
+    sizes = count_expanded_values(program.instructions)
     return sum(sizes[abs(ref)] for port in program.outputs for ref in port)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Text:
+class _GeneratorText:
     """What polynomials are written with.
 
     Args:
@@ -94,11 +273,11 @@ class _Text:
     bounds: tuple[int, int]
     angles: tuple[tuple[int, Expr], ...]
 
-    def insert(self, angle: Expr) -> "_Text":
+    def insert(self, angle: Expr) -> "_GeneratorText":
         """Return the same with the sine and the cosine of one more angle behind the others."""
         start, end = self.bounds
         new = (sympy.sin(angle), sympy.cos(angle))
-        return _Text(
+        return _GeneratorText(
             letters=(*self.letters[:end], *new, *self.letters[end:]),
             bounds=(start, end + 2),
             angles=(*self.angles, (end, angle)),
@@ -137,7 +316,7 @@ def _take_out(terms: Terms) -> tuple[tuple[int, ...], Fraction, Terms]:
     return powers, factor, rest
 
 
-def _join(terms: Terms, pair: tuple[int, int], sign: int, end: int) -> Terms | None:
+def _join_angle_pair(terms: Terms, pair: tuple[int, int], sign: int, end: int) -> Terms | None:
     """Return the terms with the sine and cosine of a sum of angles (sign 1), or difference, at `end`.
 
     sin(a + b) = sin a cos b + cos a sin b, cos(a + b) = cos a cos b - sin a sin b; None where the terms have
@@ -167,14 +346,14 @@ def _join(terms: Terms, pair: tuple[int, int], sign: int, end: int) -> Terms | N
     return {**spread, **joined}
 
 
-def _join_angles(terms: Terms, text: _Text) -> tuple[Terms, _Text]:
+def _join_angles(terms: Terms, text: _GeneratorText) -> tuple[Terms, _GeneratorText]:
     """Return the terms with sines and cosines of sums of angles, where they are hidden in products."""
     waiting = deque(itertools.combinations(text.angles, 2))
     while waiting:
         first, second = waiting.popleft()
         for sign in (1, -1):
             end = text.bounds[1]
-            found = _join(terms, (first[0], second[0]), sign, end)
+            found = _join_angle_pair(terms, (first[0], second[0]), sign, end)
             if found is None:
                 continue
             angle = first[1] + sign * second[1]
@@ -185,10 +364,10 @@ def _join_angles(terms: Terms, text: _Text) -> tuple[Terms, _Text]:
     return terms, text
 
 
-def _gather(terms: Terms, letters: Sequence[Expr], bounds: Sequence[int]) -> list[Expr]:
+def _collect_factors(terms: Terms, letters: Sequence[Expr], bounds: Sequence[int]) -> list[Expr]:
     """Return factors of the sum, collected by the letters before the first bound, then the second one."""
     powers, factor, rest = _take_out(terms)
-    outer = _multiply(letters, powers)
+    outer = _list_powers(letters, powers)
     if len(rest) == 1:
         (last,) = rest.values()
         return [_to_rational(last) * _to_rational(factor), *outer]
@@ -198,12 +377,13 @@ def _gather(terms: Terms, letters: Sequence[Expr], bounds: Sequence[int]) -> lis
         inner = (*([0] * end), *monomial[end:])
         groups.setdefault(monomial[:end], {})[inner] = value
     summands = [
-        Mul(*_multiply(letters, head), *_gather(part, letters, bounds[1:])) for head, part in groups.items()
+        Mul(*_list_powers(letters, head), *_collect_factors(part, letters, bounds[1:]))
+        for head, part in groups.items()
     ]
     return [_to_rational(factor), *outer, Add(*summands)]
 
 
-def _multiply(letters: Sequence[Expr], powers: Sequence[int]) -> list[Expr]:
+def _list_powers(letters: Sequence[Expr], powers: Sequence[int]) -> list[Expr]:
     return [letter**power for letter, power in zip(letters, powers, strict=False) if power]
 
 
@@ -211,13 +391,13 @@ def _to_rational(value: Any) -> Rational:  # noqa: ANN401  a Fraction or a numbe
     return Rational(int(value.numerator), int(value.denominator))
 
 
-class _Writer:
+class _PolynomialWriter:
     """Expressions of the short polynomials of one program."""
 
-    def __init__(self, source: Source) -> None:
-        self.letters = find_letters(source)
-        self.sizes = count_each(source.program.instructions)
-        self.polynomials = find_polynomials(source, self.letters)
+    def __init__(self, source: ExactProgram) -> None:
+        self.letters = build_generators(source)
+        self.sizes = count_expanded_values(source.program.instructions)
+        self.polynomials = build_polynomials(source, self.letters)
         letters: list[Expr] = [Integer(1)] * len(self.letters.ring.gens)
         letters[-2:] = sympy.sqrt(2), sympy.sqrt(3)
         for key, place in self.letters.places.items():
@@ -225,11 +405,11 @@ class _Writer:
         for name, place in self.letters.lengths.items():
             letters[place] = Symbol(name)
         bounds = (self.letters.parameters, self.letters.parameters + 2 * len(self.letters.turns))
-        self.text = _Text(letters=tuple(letters), bounds=bounds, angles=())
+        self.text = _GeneratorText(letters=tuple(letters), bounds=bounds, angles=())
         angles = tuple((place, self.write(ref)) for ref, place in self.letters.turns.items())
         for place, angle in angles:
             letters[place : place + 2] = sympy.sin(angle), sympy.cos(angle)
-        self.text = _Text(letters=tuple(letters), bounds=bounds, angles=angles)
+        self.text = _GeneratorText(letters=tuple(letters), bounds=bounds, angles=angles)
 
     def has(self, ref: int) -> bool:
         """Return whether the value is a polynomial that is not longer than the operations that make it."""
@@ -243,16 +423,16 @@ class _Writer:
             return Integer(0)
         terms, text = _join_angles(dict((value if ref > 0 else -value).terms()), self.text)
         terms = _complete_squares(terms, [place for place, _ in text.angles])
-        return Mul(*_gather(terms, text.letters, text.bounds))
+        return Mul(*_collect_factors(terms, text.letters, text.bounds))
 
 
-def _find_needed(source: Source, writer: _Writer) -> dict[int, bool]:
+def _choose_written_values(source: ExactProgram, writer: _PolynomialWriter) -> dict[int, bool]:
     """Return the values that are needed, in falling order, and which are written as polynomials.
 
     These are outputs, and what meets a quotient, an absolute value and the like on its way there.
     """
     instructions = source.program.instructions
-    algebraic = find_algebraic(instructions)
+    algebraic = mark_algebraic(instructions)
     roots = dict.fromkeys(abs(ref) for port in source.program.outputs for ref in port)
     inner: dict[int, None] = {}
     found: dict[int, bool] = {}
@@ -260,7 +440,7 @@ def _find_needed(source: Source, writer: _Writer) -> dict[int, bool]:
         if number not in roots and number not in inner:
             continue
         instruction = instructions[number - 1]
-        source_itself = instruction.op in SOURCES
+        source_itself = instruction.op in SOURCE_OPS
         found[number] = source_itself or (number in roots and writer.has(number))
         if not found[number]:
             chosen = inner if algebraic[number] else roots
@@ -268,10 +448,10 @@ def _find_needed(source: Source, writer: _Writer) -> dict[int, bool]:
     return found
 
 
-def write_values(source: Source) -> tuple[tuple[Expr, ...], ...]:
+def write_values(source: ExactProgram) -> tuple[tuple[Expr, ...], ...]:
     """Return the expressions of all outputs, by port."""
-    writer = _Writer(source)
-    needed = _find_needed(source, writer)
+    writer = _PolynomialWriter(source)
+    needed = _choose_written_values(source, writer)
     values: dict[int, Expr] = {}
 
     def read(ref: int) -> Expr:
@@ -282,16 +462,18 @@ def write_values(source: Source) -> tuple[tuple[Expr, ...], ...]:
     for number, written in reversed(needed.items()):
         if not written:
             instruction = source.program.instructions[number - 1]
-            values[number] = _RULES[instruction.op](*map(read, instruction.args))
+            values[number] = _SYMPY_RULES[instruction.op](*map(read, instruction.args))
     return tuple(tuple(map(read, port)) for port in source.program.outputs)
 
 
-def share_values(source: Source) -> tuple[tuple[tuple[Symbol, Expr], ...], tuple[tuple[Expr, ...], ...]]:
+def share_values(
+    source: ExactProgram,
+) -> tuple[tuple[tuple[Symbol, Expr], ...], tuple[tuple[Expr, ...], ...]]:
     """Return the program with a symbol for every value that is used more than once, as `sympy.cse` does."""
     instructions, outputs = source.program.instructions, source.program.outputs
-    uses = Counter(abs(ref) for i in instructions if i.op not in SOURCES for ref in i.args)
+    uses = Counter(abs(ref) for i in instructions if i.op not in SOURCE_OPS for ref in i.args)
     uses.update(abs(ref) for port in outputs for ref in port)
-    writer = _Writer(source)
+    writer = _PolynomialWriter(source)
     taken = {letter for letter in writer.text.letters if letter.is_Symbol}
     names = sympy.numbered_symbols("x", exclude=taken)
     steps: list[tuple[Symbol, Expr]] = []
@@ -301,10 +483,10 @@ def share_values(source: Source) -> tuple[tuple[tuple[Symbol, Expr], ...], tuple
         return values[ref] if ref > 0 else -values[-ref]
 
     for number, instruction in enumerate(instructions, start=1):
-        if instruction.op in SOURCES:
+        if instruction.op in SOURCE_OPS:
             values.append(writer.write(number))
             continue
-        value = _RULES[instruction.op](*map(read, instruction.args))
+        value = _SYMPY_RULES[instruction.op](*map(read, instruction.args))
         if uses[number] > 1 and not value.is_Atom:
             steps.append((next(names), value))
             value = steps[-1][0]

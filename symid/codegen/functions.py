@@ -1,7 +1,7 @@
-"""What a function is to its users, and the model card that travels with generated code.
+"""The functions of a robot as their users see them, and the model card that travels with generated code.
 
-Input: the catalogue's specs, names and reasons of the parameters. Output: `ModelCard`, as an object and as
-JSON, so that users of a library need neither the robot file nor SymPy.
+Catalogue specs, names and reasons of the parameters -> `ModelCard`, as an object and as JSON, so that
+users of a library need neither the robot file nor SymPy.
 
 Shapes are those of one sample; in a batch, inputs and outputs that change from sample to sample get a
 leading axis.
@@ -12,21 +12,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from symid.provenance import find_signature
-from symid.robot.description import Coupling, Joint, Robot
-from symid.robot.elasticity import Elasticity, Knee, Stop
-
-__all__ = [
-    "FollowerCard",
-    "FunctionSpec",
-    "JointCard",
-    "ModelCard",
-    "ParameterCard",
-    "Port",
-    "find_model_signature",
-    "read_model_card",
-    "write_model_card",
-]
+from symid.robot import Coupling, Elasticity, Joint, Knee, Robot, Stop
+from symid.serialization import compute_signature
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,7 +96,7 @@ class FollowerCard:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelCard:
-    """The model behind a set of functions; `signature` is that of `find_model_signature`.
+    """The model behind a set of functions; `signature` is that of `compute_model_signature`.
 
     `joints` are the joints with a coordinate, in the order of the coordinates; `followers` the others.
     `beta` describes the base inertial parameters (drives included), `friction` the friction
@@ -196,7 +183,7 @@ def _read_elasticity(entry: Mapping[str, Any] | None) -> Elasticity | None:
     return Elasticity(**{**entry, "stops": stops, "knees": knees})
 
 
-def find_model_signature(robot: Robot, parameters: Sequence[tuple[str, str]]) -> str:
+def compute_model_signature(robot: Robot, parameters: Sequence[tuple[str, str]]) -> str:
     """Return the signature of a model: what two sets of numbers must share to mean the same.
 
     Args:
@@ -230,6 +217,6 @@ def find_model_signature(robot: Robot, parameters: Sequence[tuple[str, str]]) ->
         if owner.friction.shape
     )
     shapes = (curved,) if curved else ()
-    return find_signature(
+    return compute_signature(
         robot.name, joints, couplings, robot.gravity, robot.symbols, tuple(parameters), *shapes
     )

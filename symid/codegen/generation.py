@@ -1,42 +1,311 @@
 """A folder of generated code: written and tested where something has changed, else left as it is.
 
-Input: a robot, what is wanted of its code, a folder. Output: `GeneratedFolder`.
+Robot -> Functions -> SourceSet -> files -> self-test -> record.   Result: `GeneratedFolder`.
 
-Robot -> Functions -> SourceSet -> files -> self-test -> record
+The self-test runs in a copy of what the manifest lists. It counts as passed where the program itself ran,
+ended with zero and said so in its last line; what `make` says of its own run proves nothing, as variables
+of the environment can keep it from doing anything.
 
-One run at a time writes a folder; another waits. Supported: the targets of `TARGETS`.
+The sources and most of the manifest are the same on every machine. The entry "build" is not: it says which
+compiler, with which flags, passed the self-test, and how large every function became. So it is written
+after the files, where the compiler ran, and no file's digest covers it; it holds a digest of the
+manifest's other entries, which tells when somebody edited these.
+
+Supported: the targets of `TARGETS`; one run at a time writes a folder, another waits.
+Not supported: files of others in the folder (they take no part in the test); records of folders that were
+written without `symid generate`.
 """
 
+import json
+import os
+import platform
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
-from symid.codegen.build_record import (
-    BuildRecord,
-    find_inputs_signature,
-    find_operations,
-    read_unchanged,
-    write_build_record,
+from symid.codegen.cache import compute_library_key
+from symid.codegen.compiler import CodeSize, Compiler
+from symid.codegen.source_folder import (
+    MANIFEST,
+    SourceSet,
+    get_listed_digests,
+    is_unchanged,
+    lock_folder,
+    read_manifest,
+    write_manifest_text,
+    write_sources,
 )
-from symid.codegen.folder_lock import lock_folder
-from symid.codegen.options import GenerateOptions
-from symid.codegen.selftest import find_runner, find_warnings, run_selftest
-from symid.codegen.writer import MANIFEST, SourceSet, find_listed, write_sources
-from symid.errors import Notice, UsageError
-from symid.robot.description import Robot
+from symid.codegen.source_text import GenerateOptions
+from symid.errors import GenerationError, Notice, OutputError, UsageError
+from symid.robot import Robot
+from symid.serialization import compute_signature
 
-if TYPE_CHECKING:  # a folder that is up to date needs neither CasADi nor SymPy
+if TYPE_CHECKING:
     from symid.codegen.casadi_functions import Functions
 
-__all__ = ["PARAMETERS", "TARGETS", "CodeOrder", "GeneratedFolder", "generate_folder"]
+_ENTRY = "build"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BuildRecord:
+    """Who ran the self-test and how it went, and the sizes of the functions.
+
+    Attributes:
+        inputs: see `compute_inputs_signature`.
+        selftest: "passed" or "not run".
+        runner: the compiler, or Python and NumPy; empty if the test was not run.
+        flags: of the compiler.
+        sizes: by function, where they are known.
+    """
+
+    inputs: str
+    selftest: str
+    runner: str = ""
+    flags: str = ""
+    sizes: Mapping[str, CodeSize] = field(default_factory=dict)
+
+
+def compute_inputs_signature(
+    robot: Robot,
+    names: tuple[str, ...] | None,
+    choices: object,
+    *,
+    compiler: Compiler | None,
+    runner: str,
+) -> str:
+    """Return the signature of all that a folder and its record are made from.
+
+    Args:
+        robot: all of it but where its file is.
+        names: of functions, None for all.
+        choices: whatever else fixes the code, as frozen dataclasses of plain values.
+        compiler: what compiles the self-test.
+        runner: what runs it.
+    """
+    described = replace(robot, path="", notices=())
+    return compute_signature(compute_library_key(robot, names, compiler), described, choices, runner)
+
+
+def read_operations(manifest: Mapping[str, object]) -> dict[str, dict[str, int]]:
+    """Return the operations of every function of a manifest that symid wrote, in the order of its card."""
+    card, operations = manifest.get("card"), manifest.get("operations")
+    if not isinstance(card, dict) or not isinstance(operations, dict):
+        return {}
+    return {entry["name"]: operations[entry["name"]] for entry in card["functions"]}
+
+
+def _compute_seal(manifest: Mapping[str, object]) -> str:
+    return compute_signature({key: value for key, value in manifest.items() if key != _ENTRY})
+
+
+def read_unchanged(folder: Path, inputs: str) -> tuple[Mapping[str, object], BuildRecord] | None:
+    """Return the manifest and the record of a folder that was made from `inputs` and is as it was then."""
+    manifest = read_manifest(folder)
+    found = None if manifest is None else manifest.get(_ENTRY)
+    if manifest is None or not isinstance(found, dict):
+        return None
+    entry = dict(found)
+    try:
+        seal = entry.pop("seal")
+        sizes = {name: CodeSize(**size) for name, size in entry.pop("sizes").items()}
+        record = BuildRecord(**entry, sizes=sizes)
+    except (AttributeError, KeyError, TypeError):
+        # Somebody wrote it.
+        return None
+    same = record.inputs == inputs and seal == _compute_seal(manifest) and is_unchanged(folder, manifest)
+    return (manifest, record) if same else None
+
+
+def _build_changed_error(folder: Path) -> OutputError:
+    text = "was changed by somebody else while its self-test ran; generate it again"
+    return OutputError(Notice(code="output.changed-meanwhile", text=text, file=str(folder)))
+
+
+def write_build_record(folder: Path, record: BuildRecord, sources: SourceSet) -> Mapping[str, object]:
+    """Put `record` into the manifest of `folder`, and return that manifest.
+
+    Args:
+        folder: to which `sources` were written.
+        record: what was found out about them.
+        sources: whose manifest must still be the one in the folder, and their files those that it lists.
+
+    Raises:
+        OutputError: the folder holds something else by now, or cannot be written.
+    """
+    manifest = dict(read_manifest(folder) or {})
+    if manifest != json.loads(sources.manifest) or not is_unchanged(folder, manifest):
+        raise _build_changed_error(folder)
+    manifest[_ENTRY] = {**asdict(record), "seal": _compute_seal(manifest)}
+    write_manifest_text(json.dumps(manifest, indent=1, sort_keys=True) + "\n", folder)
+    return read_manifest(folder) or {}
+
+
+_SELFTEST_TIMEOUT = 600.0
+_SELFTEST_FLAGS = "-O2"
+# What an outer `make` was told is not meant for this one: it may build nothing, or look over all errors.
+_MAKE_VARIABLES = frozenset({"MAKEFLAGS", "MFLAGS", "GNUMAKEFLAGS", "MAKELEVEL", "MAKEFILES"})
+_PASSED = re.compile(r"0 of [1-9][0-9]* functions failed")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SelfTestRun:
+    """How the self-test of a folder went: "passed" or "not run".
+
+    Attributes:
+        selftest: how.
+        runner: the version of what ran it, empty if nothing did.
+        flags: of the compiler.
+        sizes: of the functions as they were compiled, where known.
+        printed: what the test printed.
+    """
+
+    selftest: str
+    runner: str
+    flags: str
+    sizes: "Mapping[str, CodeSize]"
+    printed: str = ""
+
+
+def choose_runner(target: str) -> tuple["Compiler | None", str]:
+    """Return the compiler, and what runs the self-test: its version or that of Python; empty for nothing."""
+    if target == "python":
+        from importlib.metadata import version
+
+        return None, f"Python {platform.python_version()}, NumPy {version('numpy')}"
+    from symid.codegen.compiler import locate_compiler
+
+    compiler = locate_compiler()
+    built_by = compiler.version if compiler is not None and shutil.which("make") else ""
+    if target == "casadi":
+        from importlib.metadata import version
+
+        # Without a compiler the .casadi files are tested all the same.
+        runners = (f"CasADi {version('casadi')}", built_by)
+        return compiler if built_by else None, ", ".join(filter(None, runners))
+    return compiler, built_by
+
+
+def list_selftest_warnings(folder: Path, selftest: str) -> tuple[Notice, ...]:
+    """Return what a user must know of a folder whose self-test was not run."""
+    if selftest == "passed":
+        return ()
+    text = "its self-test was not run: no C compiler or no make; install them, then `make check` there"
+    return (Notice(code="generate.selftest-not-run", text=text, file=str(folder)),)
+
+
+def _fail_selftest(folder: Path, text: str) -> NoReturn:
+    raise GenerationError(Notice(code="generate.selftest-failed", text=text, file=str(folder)))
+
+
+def _copy_listed(folder: Path, manifest: Mapping[str, object], copy: Path) -> None:
+    """Copy the files that `manifest` lists, and no others: a folder may hold anything of its owner's."""
+    from symid.codegen.source_folder import compute_digest, get_listed_digests
+
+    copy.mkdir()
+    for path, digest in get_listed_digests(manifest).items():
+        try:
+            content = (folder / path).read_bytes()
+        except OSError as error:
+            _fail_selftest(folder, f"the self-test could not be run: {path}: {error.strerror or error}")
+        if compute_digest(content) != digest:
+            _fail_selftest(folder, f"the self-test could not be run: {path} was changed since it was written")
+        target = copy / path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(content)
+
+
+def _run_command(folder: Path, copy: Path, command: list[str]) -> subprocess.CompletedProcess[str]:
+    environment = {name: value for name, value in os.environ.items() if name not in _MAKE_VARIABLES}
+    try:
+        return subprocess.run(
+            command,
+            cwd=copy,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            check=False,
+            timeout=_SELFTEST_TIMEOUT,
+        )
+    except subprocess.TimeoutExpired:
+        _fail_selftest(
+            folder, f"the self-test failed: `{' '.join(command)}` did not end within {_SELFTEST_TIMEOUT:g} s"
+        )
+    except OSError as error:
+        _fail_selftest(
+            folder, f"the self-test failed: `{' '.join(command)}` cannot be run: {error.strerror or error}"
+        )
+
+
+def _fail_run(folder: Path, done: subprocess.CompletedProcess[str]) -> NoReturn:
+    how = f"the self-test failed: `{' '.join(done.args)}` ended with {done.returncode}"
+    _fail_selftest(folder, f"{how}\n{done.stdout}{done.stderr}".rstrip())
+
+
+def _make_goal(folder: Path, copy: Path, compiler: "Compiler", goal: str) -> None:
+    """Make `goal`, with the stack of every function if the compiler can tell it."""
+    from symid.codegen.compiler import STACK_FLAG
+
+    command = ["make", f"-j{os.cpu_count() or 1}", goal, f"CC={compiler.path}"]
+    done = _run_command(folder, copy, [*command, f"CFLAGS={_SELFTEST_FLAGS} {STACK_FLAG}"])
+    # A compiler that does not know the flag fails, and so does wrong code: then once more.
+    if done.returncode:
+        done = _run_command(folder, copy, command)
+    if done.returncode:
+        _fail_run(folder, done)
+
+
+def run_selftest(folder: Path, target: str, progress: Callable[[str], None]) -> SelfTestRun:
+    """Run the folder's own test in a copy of it and return how it went.
+
+    Args:
+        folder: as `write_sources` wrote it.
+        target: its language.
+        progress: told what begins.
+
+    Raises:
+        GenerationError: the test failed, or did not run to its end.
+    """
+    from symid.codegen.compiler import measure_code_sizes
+    from symid.codegen.source_folder import read_manifest
+
+    compiler, runner = choose_runner(target)
+    if not runner:
+        return SelfTestRun(selftest="not run", runner="", flags="", sizes={})
+    progress("running the self-test of the folder")
+    manifest = read_manifest(folder) or {}
+    prefix, names = str(manifest.get("prefix")), tuple(read_operations(manifest))
+    with tempfile.TemporaryDirectory(prefix="symid-") as scratch:
+        copy = Path(scratch) / "code"
+        _copy_listed(folder, manifest, copy)
+        if compiler is not None:
+            _make_goal(folder, copy, compiler, "shared" if target == "casadi" else "selftest")
+        command = {
+            "python": [sys.executable, f"{prefix}.py"],
+            "casadi": [sys.executable, f"{prefix}_casadi.py"],
+        }.get(target, [str(copy / "selftest")])
+        done = _run_command(folder, copy, command)
+        if done.returncode or not _PASSED.fullmatch(done.stdout.rstrip("\n").rpartition("\n")[2]):
+            _fail_run(folder, done)
+        sizes = measure_code_sizes(copy, prefix, names) if target == "c" else {}
+    return SelfTestRun(
+        selftest="passed", runner=runner, flags=_SELFTEST_FLAGS if compiler else "", sizes=sizes
+    )
+
 
 TARGETS = ("c", "python", "casadi")
 PARAMETERS = ("base", "standard")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CodeOrder:
+class CodeRequest:
     """All that fixes the code besides the robot; a second run compares it with that of the first.
 
     Args:
@@ -99,16 +368,16 @@ class GeneratedFolder:
     @property
     def files(self) -> tuple[Path, ...]:
         """Return all files that symid wrote there."""
-        return tuple(self.folder / path for path in (*find_listed(self.manifest), MANIFEST))
+        return tuple(self.folder / path for path in (*get_listed_digests(self.manifest), MANIFEST))
 
     @property
     def operations(self) -> dict[str, dict[str, int]]:
         """Return products, sums and sines by function."""
-        return find_operations(self.manifest)
+        return read_operations(self.manifest)
 
 
 def generate_folder(
-    robot: Robot, order: CodeOrder, folder: Path, *, progress: Callable[[str], None], force: bool = False
+    robot: Robot, order: CodeRequest, folder: Path, *, progress: Callable[[str], None], force: bool = False
 ) -> GeneratedFolder:
     """Write the code of `robot` to `folder` and test it; nothing is done where nothing has changed.
 
@@ -125,23 +394,23 @@ def generate_folder(
         OutputError: the folder cannot be written, or holds what symid did not write.
         GenerationError: the code fails its self-test.
     """
-    compiler, runner = find_runner(order.target)
-    inputs = find_inputs_signature(robot, order.names, order, compiler=compiler, runner=runner)
+    compiler, runner = choose_runner(order.target)
+    inputs = compute_inputs_signature(robot, order.names, order, compiler=compiler, runner=runner)
     with lock_folder(folder, lambda: progress(f"{folder}: waiting for another run that writes it")):
         found = None if force else read_unchanged(folder, inputs)
-        manifest, record = found or _make(robot, order, folder, inputs, progress, force=force)
+        manifest, record = found or _make_folder(robot, order, folder, inputs, progress, force=force)
     return GeneratedFolder(
         folder=folder,
         manifest=manifest,
         record=record,
         unchanged=found is not None,
-        notices=find_warnings(folder, record.selftest),
+        notices=list_selftest_warnings(folder, record.selftest),
     )
 
 
-def _make(
+def _make_folder(
     robot: Robot,
-    order: CodeOrder,
+    order: CodeRequest,
     folder: Path,
     inputs: str,
     progress: Callable[[str], None],
@@ -156,7 +425,7 @@ def _make(
         robot, names=order.names, standard=order.parameters == "standard", constant=order.constant
     )
     progress(f"writing {order.target} code")
-    sources = _generate(functions, order)
+    sources = _generate_sources(functions, order)
     write_sources(sources, folder, force=force)
     run = run_selftest(folder, order.target, progress)
     record = BuildRecord(
@@ -165,16 +434,16 @@ def _make(
     return write_build_record(folder, record, sources), record
 
 
-def _generate(functions: "Functions", order: CodeOrder) -> SourceSet:
+def _generate_sources(functions: "Functions", order: CodeRequest) -> SourceSet:
     match order.target:
         case "c":
             from symid.codegen.c_library import generate_c_library
 
             return generate_c_library(functions, order.options)
         case "python":
-            from symid.codegen.python_module import generate_python_module
+            from symid.codegen.python_targets import generate_python_module
 
             return generate_python_module(functions, order.options)
-    from symid.codegen.casadi_target import generate_casadi
+    from symid.codegen.python_targets import generate_casadi_target
 
-    return generate_casadi(functions, order.options)
+    return generate_casadi_target(functions, order.options)

@@ -1,37 +1,38 @@
-"""The model card of a robot: names, units, groupings, reasons and, where known, values.
+"""The model card of a robot: names, units, groupings, reasons and known values; values baked into code.
 
-Robot, BaseParameters, specs -> ModelCard.
+Robot, BaseParameters, specs -> `ModelCard`.
+ModelCard -> values of its parameters, functions without them.
 
 Supported: everything the base parameters support; values only where the robot file states all members.
+Base or standard parameters, rotor inertias of elastic joints and friction may be baked in.
+Not supported: springs as constants; functions of hysteresis take h, so that a spring may be changed.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from fractions import Fraction
 
+from symid.codegen.catalogue import list_spring_parameters
 from symid.codegen.functions import (
     FollowerCard,
     FunctionSpec,
     JointCard,
     ModelCard,
     ParameterCard,
-    find_model_signature,
+    compute_model_signature,
 )
-from symid.codegen.springs import list_spring_parameters
-from symid.dynamics.labels import find_label_unit, find_owner
-from symid.parameters.base import BaseParameter, BaseParameters
-from symid.parameters.values import find_parameter_values
-from symid.robot.description import Robot
-
-__all__ = ["build_model_card"]
+from symid.dynamics import BaseParameter, BaseParameters, compute_parameter_values, get_label_unit, get_owner
+from symid.errors import Notice, UsageError
+from symid.robot import Robot
 
 
-def _write_card(robot: Robot, parameter: BaseParameter, value: float | None) -> ParameterCard:
+def _build_parameter_card(robot: Robot, parameter: BaseParameter, value: float | None) -> ParameterCard:
     return ParameterCard(
         name=parameter.name,
         expression=parameter.expression,
-        unit=find_label_unit(robot, parameter.label),
+        unit=get_label_unit(robot, parameter.label),
         reason=parameter.reason,
-        joint=find_owner(robot, parameter.label),
+        joint=get_owner(robot, parameter.label),
         value=value,
     )
 
@@ -42,7 +43,7 @@ def _write_fraction(value: Fraction) -> str:
     return text if Fraction(text) == value else str(value)
 
 
-def _write_joints(robot: Robot) -> Iterator[JointCard]:
+def _list_joint_cards(robot: Robot) -> Iterator[JointCard]:
     for number, joint in enumerate(robot.joints, start=1):
         if joint.mimic is None:
             yield JointCard(
@@ -54,20 +55,20 @@ def _write_joints(robot: Robot) -> Iterator[JointCard]:
             )
 
 
-def _write_rotors(robot: Robot) -> Iterator[ParameterCard]:
+def _list_rotor_cards(robot: Robot) -> Iterator[ParameterCard]:
     for index, joint in enumerate(robot.joints):
         if joint.elasticity is not None and joint.drive.has_rotor:
             yield ParameterCard(
                 name=f"IA{index + 1}",
                 expression=f"IA{index + 1}",
-                unit=find_label_unit(robot, (index, "IA")),
+                unit=get_label_unit(robot, (index, "IA")),
                 reason="the rotor turns with the motor, apart from the link",
                 joint=joint.name,
                 value=joint.drive.rotor_inertia,
             )
 
 
-def _write_followers(robot: Robot) -> Iterator[FollowerCard]:
+def _list_follower_cards(robot: Robot) -> Iterator[FollowerCard]:
     for number, joint in enumerate(robot.joints, start=1):
         if joint.mimic is not None:
             yield FollowerCard(
@@ -81,24 +82,58 @@ def _write_followers(robot: Robot) -> Iterator[FollowerCard]:
 
 def build_model_card(robot: Robot, base: BaseParameters, specs: tuple[FunctionSpec, ...]) -> ModelCard:
     """Return what users of the functions must know of the model."""
-    values = find_parameter_values(robot, base)
+    values = compute_parameter_values(robot, base)
     return ModelCard(
         robot=robot.name,
-        signature=find_model_signature(
+        signature=compute_model_signature(
             robot,
             [(parameter.name, parameter.expression) for parameter in (*base.parameters, *base.friction)],
         ),
-        joints=tuple(_write_joints(robot)),
+        joints=tuple(_list_joint_cards(robot)),
         beta=tuple(
-            _write_card(robot, parameter, values.get(parameter.name)) for parameter in base.parameters
+            _build_parameter_card(robot, parameter, values.get(parameter.name))
+            for parameter in base.parameters
         ),
         friction=tuple(
-            _write_card(robot, parameter, values.get(parameter.name)) for parameter in base.friction
+            _build_parameter_card(robot, parameter, values.get(parameter.name)) for parameter in base.friction
         ),
         functions=specs,
         vector=base.vector,
-        followers=tuple(_write_followers(robot)),
-        rotors=tuple(_write_rotors(robot)),
+        followers=tuple(_list_follower_cards(robot)),
+        rotors=tuple(_list_rotor_cards(robot)),
         elasticity=tuple(joint.elasticity for joint in robot.axes) if any(robot.elastic) else (),
         springs=tuple(list_spring_parameters(robot)) if all(robot.elastic) else (),
     )
+
+
+Constants = Mapping[str, tuple[float, ...]]
+"""Values of whole input ports by their name."""
+
+
+def get_constants(card: ModelCard) -> Constants:
+    """Return the values of all parameters that may be baked in.
+
+    Raises:
+        UsageError: the robot file does not state all of them.
+    """
+    vectors: dict[str, tuple[ParameterCard, ...]] = {
+        card.vector: card.beta,
+        "IA": card.rotors,
+        "f": card.friction,
+    }
+    missing = [entry.name for entries in vectors.values() for entry in entries if entry.value is None]
+    if missing:
+        text = (
+            f"constants: the robot file states no value of {', '.join(missing)}; add the values, or write "
+            "what was identified into a robot file with `symid export`"
+        )
+        raise UsageError(Notice(code="usage.unknown-constants", text=text))
+    return {
+        name: tuple(entry.value for entry in entries if entry.value is not None)
+        for name, entries in vectors.items()
+    }
+
+
+def drop_constants(spec: FunctionSpec, constants: Constants) -> FunctionSpec:
+    """Return the function without the inputs that are constants."""
+    return replace(spec, inputs=tuple(port for port in spec.inputs if port.name not in constants))

@@ -1,12 +1,15 @@
 """The compiled plant of elastic robots: built once for all robots, found again, called without copies.
 
-Input: a compiled library of robot functions, `PlantRobot`, `PlantOrder`. Output: `PlantLog`.
+Compiled library of robot functions, `PlantRobot` (the robot's numbers), `PlantExperiment` -> `PlantLog`.
 
 The source is one file that knows no robot; it calls the robot's functions through their addresses. Its
-shared library stands in the cache folder under a key of its source, the compiler and the machine.
+shared library stands in the cache folder under a key of its source, the compiler and the machine. The
+records are plain arrays for C and NumPy alike: n joints with m stops and l knees each; what a joint lacks
+has a weight or slope of zero.
 
 Supported: libraries in double precision; several processes at once.
-Not supported: machines without a compiler (`simulation/elastic_numpy` is for those).
+Not supported: machines without a compiler (the simulation has a NumPy version for those); anything that
+changes during an experiment but the references.
 """
 
 import ctypes
@@ -14,47 +17,160 @@ import os
 import platform
 import shutil
 import tempfile
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import final
 
 import numpy as np
 
-from symid.arrays import FloatArray
-from symid.codegen.backends import CompiledLibrary
-from symid.codegen.cache_folder import (
-    clear_away,
-    find_user_folder,
-    find_weakness,
+from symid.arrays import FloatArray, freeze
+from symid.codegen.cache import (
+    describe_path_risk,
+    locate_user_folder,
     make_cache_folder,
     make_temporary_folder,
+    remove_entry,
 )
-from symid.codegen.casadi_library import CasadiLibrary
-from symid.codegen.compiler import Compiler, compile_sources, find_compiler
-from symid.codegen.library import Library
-from symid.codegen.names import find_prefix
-from symid.codegen.plant_orders import PlantLog, PlantOrder, PlantRobot
+from symid.codegen.compiler import Compiler, compile_sources, locate_compiler
+from symid.codegen.library import CasadiLibrary, CompiledLibrary, Library
+from symid.codegen.source_text import build_library_prefix
+from symid.environment import locate_resource_folder
 from symid.errors import GenerationError, Notice, OutputError
-from symid.provenance import find_signature
-from symid.resources import find_resource_folder
+from symid.serialization import compute_signature
 
-__all__ = ["CompiledPlant", "has_addresses", "load_plant_code"]
 
-_SOURCE = "c/plant.c"
+def freeze_fields(record: object) -> None:
+    """Make the arrays of a frozen dataclass read-only copies; those that nobody can write to stay."""
+    for field in fields(record):  # type: ignore[arg-type]  # a dataclass instance
+        value = getattr(record, field.name)
+        if isinstance(value, np.ndarray) and not _is_frozen(value):
+            object.__setattr__(record, field.name, freeze(value))
+
+
+def _is_frozen(array: FloatArray) -> bool:
+    flags = array.flags
+    return flags.owndata and flags.c_contiguous and not flags.writeable and array.dtype == np.float64
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PlantRobot:
+    """Numbers of an elastic robot, SI units.
+
+    Args:
+        beta: (p,). friction: (pf,). rotor: (n,) kg m^2 or kg.
+        stiffness: k0 (n,). cubic: k3 (n,). damping: D (n,).
+        radius: r_i (n, m), rad or m. weight: k_i (n, m), N m/rad or N/m.
+        knee: R_j (n, l), N m or N, never 0. slope: s_j (n, l).
+    """
+
+    beta: FloatArray
+    friction: FloatArray
+    rotor: FloatArray
+    stiffness: FloatArray
+    cubic: FloatArray
+    damping: FloatArray
+    radius: FloatArray
+    weight: FloatArray
+    knee: FloatArray
+    slope: FloatArray
+
+    def __post_init__(self) -> None:
+        """Copy the arrays and make them read-only."""
+        freeze_fields(self)
+
+    @property
+    def size(self) -> int:
+        """Return the number of joints."""
+        return len(self.rotor)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PlantExperiment:
+    """An experiment: what the motors are told at every tick, and where the robot starts, at rest.
+
+        tau = clamp(Kp (angle - theta) + Kd (speed - dtheta) + torque, limit),   held until the next tick
+
+    Args:
+        angle, speed, torque: (N, n) references of the motors, joint side.
+        stiffness: Kp (n,). damping: Kd (n,). limit: (n,), infinite for none.
+        step: (n,) of the encoders in the loop, 0 for perfect ones.
+        period: of a tick, s. substeps: Runge-Kutta steps a tick. parts: pieces of a step in which a spring
+            bends.
+        q, theta: (n,) at the start. play: P_i (n, m) there.
+    """
+
+    angle: FloatArray
+    speed: FloatArray
+    torque: FloatArray
+    stiffness: FloatArray
+    damping: FloatArray
+    limit: FloatArray
+    step: FloatArray
+    period: float
+    substeps: int
+    parts: int
+    q: FloatArray
+    theta: FloatArray
+    play: FloatArray
+
+    def __post_init__(self) -> None:
+        """Copy the arrays and make them read-only."""
+        freeze_fields(self)
+
+    @property
+    def ticks(self) -> int:
+        """Return the number of ticks N."""
+        return len(self.angle)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PlantLog:
+    """The truth at every tick, (N, n) each; the last four in J since the start.
+
+    Args:
+        q, dq, theta, dtheta: link and motor, joint side. spring: tau_J. torque: held from each tick to the
+            next; the last one does nothing.
+        work: of the motors. friction: lost in it. elastic: int S(v) dphi, stored and lost.
+        damped: int D dphi^2 dt.
+        ticks: how many are valid; fewer than N where the state was no longer finite.
+
+    The arrays are made read-only in place: whoever makes a log gives them away.
+    """
+
+    q: FloatArray
+    dq: FloatArray
+    theta: FloatArray
+    dtheta: FloatArray
+    spring: FloatArray
+    torque: FloatArray
+    work: FloatArray
+    friction: FloatArray
+    elastic: FloatArray
+    damped: FloatArray
+    ticks: int
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only."""
+        for field in fields(self):
+            if field.name != "ticks":
+                getattr(self, field.name).setflags(write=False)
+
+
+_PLANT_SOURCE = "c/plant.c"
 _SIZES = ("n", "m", "l")
 _TABLES = ("rotor", "stiffness", "cubic", "damping", "radius", "weight", "knee", "slope")
 _REFERENCES = ("angle", "speed", "torque", "stiffness", "damping", "limit", "step")
 _LOGGED = ("q", "dq", "theta", "dtheta", "spring", "torque", "work", "friction", "elastic", "damped")
 
 
-class _Robot(ctypes.Structure):
+class _RobotStruct(ctypes.Structure):
     _fields_ = (
         *((name, ctypes.c_size_t) for name in _SIZES),
         *((name, ctypes.c_void_p) for name in ("forward", "friction", "beta", "f", *_TABLES)),
     )
 
 
-class _Order(ctypes.Structure):
+class _ExperimentStruct(ctypes.Structure):
     _fields_ = (
         *((name, ctypes.c_size_t) for name in ("ticks", "substeps", "parts")),
         ("period", ctypes.c_double),
@@ -62,7 +178,7 @@ class _Order(ctypes.Structure):
     )
 
 
-class _Log(ctypes.Structure):
+class _LogStruct(ctypes.Structure):
     _fields_ = tuple((name, ctypes.c_void_p) for name in _LOGGED)
 
 
@@ -74,8 +190,8 @@ class CompiledPlant:
     shared: ctypes.CDLL
     notices: tuple[Notice, ...] = ()
 
-    def run(self, library: Library, robot: PlantRobot, order: PlantOrder) -> PlantLog:
-        """Return what happens to the robot, whose functions `library` has; see `PlantOrder`.
+    def run(self, library: Library, robot: PlantRobot, order: PlantExperiment) -> PlantLog:
+        """Return what happens to the robot, whose functions `library` has; see `PlantExperiment`.
 
         Raises:
             GenerationError: the library is none of compiled functions in double precision.
@@ -87,22 +203,22 @@ class CompiledPlant:
         self.shared.symid_plant_scratch.restype = self.shared.symid_plant_run.restype = size
         memory = np.zeros(self.shared.symid_plant_scratch(*sizes))
         start = np.concatenate([order.q, np.zeros(robot.size), order.theta, np.zeros(robot.size)])
-        told = _Robot(
+        told = _RobotStruct(
             **dict(zip(_SIZES, (*sizes, robot.knee.shape[1]), strict=True)),
-            forward=_find_address(library, "forward_dynamics"),
-            friction=_find_address(library, "friction") if robot.friction.size else None,
+            forward=_get_function_address(library, "forward_dynamics"),
+            friction=_get_function_address(library, "friction") if robot.friction.size else None,
             beta=robot.beta.ctypes.data,
             f=robot.friction.ctypes.data,
-            **_find_pointers(robot, _TABLES),
+            **_get_pointers(robot, _TABLES),
         )
-        asked = _Order(
+        asked = _ExperimentStruct(
             ticks=order.ticks,
             substeps=order.substeps,
             parts=order.parts,
             period=order.period,
-            **_find_pointers(order, _REFERENCES),
+            **_get_pointers(order, _REFERENCES),
         )
-        answer = _Log(**{name: array.ctypes.data for name, array in arrays.items()})
+        answer = _LogStruct(**{name: array.ctypes.data for name, array in arrays.items()})
         inputs = tuple(ctypes.c_void_p(array.ctypes.data) for array in (start, order.play, memory))
         ticks = self.shared.symid_plant_run(
             ctypes.byref(told), ctypes.byref(asked), *inputs, ctypes.byref(answer)
@@ -112,10 +228,10 @@ class CompiledPlant:
 
 def has_addresses(library: Library) -> bool:
     """Return whether the library's functions are compiled, in double precision; CasADi's C counts as well."""
-    return _find_shared(library) is not None
+    return _get_shared(library) is not None
 
 
-def _find_shared(library: Library) -> ctypes.CDLL | None:
+def _get_shared(library: Library) -> ctypes.CDLL | None:
     if isinstance(library, CasadiLibrary):
         return library.shared
     if isinstance(library, CompiledLibrary) and library._dtype is np.float64:  # noqa: SLF001  same room
@@ -123,21 +239,21 @@ def _find_shared(library: Library) -> ctypes.CDLL | None:
     return None
 
 
-def _find_address(library: Library, name: str) -> int:
-    shared = _find_shared(library)
+def _get_function_address(library: Library, name: str) -> int:
+    shared = _get_shared(library)
     if shared is None:
         text = f"the library of {library.card.robot!r} has no compiled functions in double precision"
         raise GenerationError(Notice(code="codegen.no-address", text=text))
-    symbol = getattr(shared, f"{find_prefix(library.card.robot)}_{name}")
+    symbol = getattr(shared, f"{build_library_prefix(library.card.robot)}_{name}")
     return int(ctypes.cast(symbol, ctypes.c_void_p).value or 0)
 
 
-def _find_pointers(record: PlantRobot | PlantOrder, names: tuple[str, ...]) -> dict[str, int]:
+def _get_pointers(record: PlantRobot | PlantExperiment, names: tuple[str, ...]) -> dict[str, int]:
     arrays: dict[str, FloatArray] = {name: getattr(record, name) for name in names}
     return {name: int(array.ctypes.data) for name, array in arrays.items()}
 
 
-def _open(path: Path, key: str) -> ctypes.CDLL | None:
+def _open_plant(path: Path, key: str) -> ctypes.CDLL | None:
     """Return the library at `path`, None if there is none, or none of this key."""
     try:
         shared = ctypes.CDLL(str(path))
@@ -147,13 +263,13 @@ def _open(path: Path, key: str) -> ctypes.CDLL | None:
         return None
 
 
-def _open_copy(path: Path, key: str) -> ctypes.CDLL | None:
+def _open_plant_copy(path: Path, key: str) -> ctypes.CDLL | None:
     """Return the library at `path` as it is now: the loader gives back what it already has under a name."""
     with tempfile.TemporaryDirectory(prefix="symid-") as scratch:
-        return _open(Path(shutil.copy(path, scratch)), key)
+        return _open_plant(Path(shutil.copy(path, scratch)), key)
 
 
-def _build(compiler: Compiler, source: Path, path: Path, key: str) -> None:
+def _build_plant(compiler: Compiler, source: Path, path: Path, key: str) -> None:
     """Compile the plant to `path`, which appears by one rename."""
     marked = replace(compiler, flags=(*compiler.flags, f'-DSYMID_PLANT_KEY="{key}"'))
     make_cache_folder(path.parent)
@@ -162,20 +278,20 @@ def _build(compiler: Compiler, source: Path, path: Path, key: str) -> None:
         shutil.move(made, path)
 
 
-def _obtain(compiler: Compiler, source: Path, folder: Path, key: str) -> ctypes.CDLL:
+def _obtain_plant(compiler: Compiler, source: Path, folder: Path, key: str) -> ctypes.CDLL:
     path = folder / f"plant-{key[:24]}.so"
     # What somebody else may have written is not loaded.
-    trusted = not (os.path.lexists(path) and find_weakness(path))
-    shared = _open(path, key) if trusted else None
+    trusted = not (os.path.lexists(path) and describe_path_risk(path))
+    shared = _open_plant(path, key) if trusted else None
     if shared is None:
         try:
             if not trusted:
-                clear_away(path)
-            _build(compiler, source, path, key)
+                remove_entry(path)
+            _build_plant(compiler, source, path, key)
         except OSError as error:
             text = f"the cache folder cannot be written: {error.strerror or error}"
             raise OutputError(Notice(code="output.cache", text=text, file=str(folder))) from error
-        shared = _open(path, key) or _open_copy(path, key)
+        shared = _open_plant(path, key) or _open_plant_copy(path, key)
     if shared is None:
         text = "the compiled plant cannot be loaded; remove it, and check the compiler with `symid doctor`"
         raise GenerationError(Notice(code="codegen.cannot-load", text=text, file=str(path)))
@@ -194,20 +310,20 @@ def load_plant_code(*, compiler: str | None = None, cache: Path | None = None) -
         GenerationError: the compiler fails, or what it made cannot be loaded.
         OutputError: the folder `cache`, or the temporary one, cannot be written.
     """
-    found = find_compiler(compiler)
+    found = locate_compiler(compiler)
     if found is None:
         return None
-    source = find_resource_folder("templates") / _SOURCE
+    source = locate_resource_folder("templates") / _PLANT_SOURCE
     machine = (platform.system(), platform.machine())
-    key = find_signature("plant", source.read_bytes(), found, machine)
-    folder = cache or find_user_folder()
+    key = compute_signature("plant", source.read_bytes(), found, machine)
+    folder = cache or locate_user_folder()
     if folder is not None:
         try:
-            return CompiledPlant(shared=_obtain(found, source, folder, key))
+            return CompiledPlant(shared=_obtain_plant(found, source, folder, key))
         except OutputError:
             if cache is not None:
                 raise
     temporary = make_temporary_folder()
     text = "the compiled plant is kept in this temporary folder; set XDG_CACHE_HOME to a folder of yours"
     notice = Notice(code="codegen.cache-temporary", text=text, file=str(temporary))
-    return CompiledPlant(shared=_obtain(found, source, temporary, key), notices=(notice,))
+    return CompiledPlant(shared=_obtain_plant(found, source, temporary, key), notices=(notice,))

@@ -1,37 +1,41 @@
-"""Programs as text: what all languages share, and NumPy; see `printing_c` for C.
+"""Programs as text: C for one sample and for a block of samples side by side (SIMD), NumPy for batches.
 
-Input: `Program`. Output: statements and the names of the helpers they need.
+`Program` -> statements and the names of the helpers they need; names of helpers -> their C; numbers ->
+literals that read back as the same numbers.
 
-Supported: NumPy over whole batches, with names used again as soon as their value is no longer needed, so
-that a batch holds no more arrays than it must.
+In C an output is written as soon as its value is there: held back to the end, values would wait on the
+stack. Sines and cosines of all angles are computed together, first. In NumPy names are used again as soon
+as their value is no longer needed, so that a batch holds no more arrays than it must.
+
+Supported: double and float C99; NumPy over whole batches; NaN passes through every helper.
+Not supported: blocks of samples for programs with other than sums, products, quotients, sines and cosines.
 """
 
 import heapq
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from symid.codegen.functions import Port
-from symid.codegen.instructions import Instruction, Op, Program
-
-__all__ = ["INFIX", "Body", "find_helpers", "find_literal", "print_python", "write_instruction"]
+from symid.codegen.programs import Instruction, Op, Program
 
 INFIX = {Op.ADD: "+", Op.SUB: "-", Op.MUL: "*", Op.DIV: "/"}
-_HELPERS = (Op.SIGN, Op.LESS, Op.LESS_EQUAL, Op.IS_ZERO, Op.SELECT, Op.MAXIMUM, Op.MINIMUM)
+_HELPER_OPS = (Op.SIGN, Op.LESS, Op.LESS_EQUAL, Op.IS_ZERO, Op.SELECT, Op.MAXIMUM, Op.MINIMUM)
 # NumPy's own let a NaN through.
-_IN_NUMPY = (Op.MAXIMUM, Op.MINIMUM)
+_NUMPY_OPS = (Op.MAXIMUM, Op.MINIMUM)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Body:
+class FunctionBody:
     """The statements of one function and the names of the helpers that it calls, sorted."""
 
     statements: tuple[str, ...]
     helpers: tuple[str, ...]
 
 
-def find_literal(value: float, precision: str = "double") -> str:
+def write_literal(value: float, precision: str = "double") -> str:
     """Return a C or Python literal that reads back as exactly `value` (nearest float for "float")."""
     if precision == "float":
         text = np.format_float_scientific(np.float32(value), unique=True, trim="0")
@@ -40,10 +44,10 @@ def find_literal(value: float, precision: str = "double") -> str:
     return repr(float(value))
 
 
-def find_helpers(program: Program) -> tuple[str, ...]:
+def list_helpers(program: Program) -> tuple[str, ...]:
     """Return the names of the helpers that a program calls, sorted."""
     used = {instruction.op for instruction in program.instructions}
-    return tuple(sorted(op.value for op in _HELPERS if op in used))
+    return tuple(sorted(op.value for op in _HELPER_OPS if op in used))
 
 
 def write_instruction(instruction: Instruction, read: Callable[[int], str], call: Callable[[Op], str]) -> str:
@@ -54,7 +58,7 @@ def write_instruction(instruction: Instruction, read: Callable[[int], str], call
     return f"{call(instruction.op)}({', '.join(map(read, instruction.args))})"
 
 
-def _index(port: Port, element: int) -> str:
+def _write_element_index(port: Port, element: int) -> str:
     places = []
     for extent in reversed(port.shape):
         element, place = divmod(element, extent)
@@ -62,7 +66,7 @@ def _index(port: Port, element: int) -> str:
     return ", ".join(["...", *reversed(places)])
 
 
-def _find_last_uses(program: Program) -> list[int]:
+def _list_last_uses(program: Program) -> list[int]:
     last = [0] * (len(program.instructions) + 1)
     for number, instruction in enumerate(program.instructions, start=1):
         if instruction.op is not Op.INPUT:
@@ -74,9 +78,9 @@ def _find_last_uses(program: Program) -> list[int]:
     return last
 
 
-def print_python(program: Program) -> Body:
+def print_python(program: Program) -> FunctionBody:
     """Return the body of a NumPy function; elements are the last axes, samples the axes before."""
-    last = _find_last_uses(program)
+    last = _list_last_uses(program)
     names = [""]
     statements = []
     free: list[int] = []
@@ -87,16 +91,16 @@ def print_python(program: Program) -> Body:
         return names[ref] if ref > 0 else f"-{names[-ref]}"
 
     def call(op: Op) -> str:
-        return f"_{op.value}" if op in _HELPERS and op not in _IN_NUMPY else f"np.{op.value}"
+        return f"_{op.value}" if op in _HELPER_OPS and op not in _NUMPY_OPS else f"np.{op.value}"
 
     for number, instruction in enumerate(program.instructions, start=1):
         if instruction.op is Op.CONSTANT:
-            names.append(find_literal(instruction.constant))
+            names.append(write_literal(instruction.constant))
             continue
         if instruction.op is Op.INPUT:
             source, element = instruction.args
             port = program.spec.inputs[source]
-            text = f"{port.name}[{_index(port, element)}]"
+            text = f"{port.name}[{_write_element_index(port, element)}]"
         else:
             text = write_instruction(instruction, read, call)
             for number_read in sorted({abs(ref) for ref in instruction.args}):
@@ -112,8 +116,247 @@ def print_python(program: Program) -> Body:
     for port, refs in zip(program.spec.outputs, program.outputs, strict=True):
         # Outputs begin as zeros.
         statements += [
-            f"{port.name}[{_index(port, i)}] = {read(ref)}"
+            f"{port.name}[{_write_element_index(port, i)}] = {read(ref)}"
             for i, ref in enumerate(refs)
             if names[abs(ref)] != "0.0"
         ]
-    return Body(statements=tuple(statements), helpers=find_helpers(program))
+    return FunctionBody(statements=tuple(statements), helpers=list_helpers(program))
+
+
+_TRIGONOMETRY = (Op.SIN, Op.COS)
+_SIMD_OPS = frozenset({Op.INPUT, Op.CONSTANT, *INFIX, *_TRIGONOMETRY})
+_C_FUNCTIONS = {
+    Op.SIN: "sin",
+    Op.COS: "cos",
+    Op.TAN: "tan",
+    Op.SQRT: "sqrt",
+    Op.EXP: "exp",
+    Op.TANH: "tanh",
+    Op.POWER: "pow",
+    Op.ABS: "fabs",
+}
+_WITHOUT_STATEMENT = (Op.CONSTANT, Op.INPUT)
+"""What needs no statement."""
+_GROUP_SIZE = 8
+"""Numbers that lanes of any width hold without rest."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GroupedAngles:
+    """Angles whose sines and cosines are found together.
+
+    `places` maps the reference of an angle to its place; `before` numbers the instructions they come from.
+    """
+
+    places: dict[int, int]
+    before: tuple[int, ...]
+
+
+def group_angles(program: Program) -> GroupedAngles:
+    """Return the angles of a program that come from its inputs without a sine or cosine on the way."""
+    found: list[bool] = [False]
+    sources: list[frozenset[int]] = [frozenset()]
+    places: dict[int, int] = {}
+    for number, instruction in enumerate(program.instructions, start=1):
+        operands = () if instruction.op is Op.INPUT else tuple(map(abs, instruction.args))
+        plain = instruction.op in _WITHOUT_STATEMENT or (
+            instruction.op in INFIX and all(found[k] for k in operands)
+        )
+        found.append(plain)
+        sources.append(frozenset({number}.union(*(sources[k] for k in operands))) if plain else frozenset())
+        if instruction.op in _TRIGONOMETRY and found[operands[0]]:
+            places.setdefault(instruction.args[0], len(places))
+
+    def find_rank(ref: int) -> tuple[int, ...]:
+        # Inputs in their order can be loaded together.
+        instruction = program.instructions[abs(ref) - 1]
+        return (0, *instruction.args, ref) if instruction.op is Op.INPUT else (1, abs(ref), ref)
+
+    places = {ref: place for place, ref in enumerate(sorted(places, key=find_rank))}
+    before = sorted(set().union(*(sources[abs(ref)] for ref in places)))
+    return GroupedAngles(places=places, before=tuple(before))
+
+
+class _CPrinter:
+    """Statements of one function: values of type `kind`, constants and inputs as its two functions say."""
+
+    def __init__(
+        self,
+        program: Program,
+        kind: str,
+        angles: GroupedAngles,
+        write_constant: Callable[[float], str],
+        write_input: Callable[[int, int], str],
+    ) -> None:
+        self.program, self.kind, self.angles = program, kind, angles
+        self.write_constant, self.write_input = write_constant, write_input
+        self.call: Callable[[Op], str] = lambda op: op.value
+        self.names = [""] * (len(program.instructions) + 1)
+        self.due: dict[int, list[Callable[[], str]]] = {}
+
+    def read(self, ref: int) -> str:
+        return self.names[ref] if ref > 0 else f"-{self.names[-ref]}"
+
+    def find_ready(self, refs: Iterable[int]) -> int:
+        """Return the number of the last statement that values wait for; the last one if for none."""
+        numbers = [
+            abs(ref) for ref in refs if self.program.instructions[abs(ref) - 1].op not in _WITHOUT_STATEMENT
+        ]
+        return max(numbers, default=len(self.program.instructions))
+
+    def promise(self, refs: Sequence[int], write: Callable[[], str]) -> None:
+        """Have the text of `write` follow as soon as all `refs` have a value."""
+        self.due.setdefault(self.find_ready(refs), []).append(write)
+
+    def print(self) -> Iterator[str]:
+        """Yield all statements."""
+        for number, instruction in enumerate(self.program.instructions, start=1):
+            if instruction.op is Op.CONSTANT:
+                self.names[number] = self.write_constant(instruction.constant)
+            elif instruction.op is Op.INPUT:
+                self.names[number] = self.write_input(*instruction.args)
+        before = set(self.angles.before)
+        for number in self.angles.before:
+            yield from self._print_instruction(number)
+        if self.angles.places:
+            yield from self._print_angles()
+        for number in range(1, len(self.program.instructions) + 1):
+            if number not in before:
+                yield from self._print_instruction(number)
+            for write in self.due.get(number, ()):
+                yield write()
+
+    def _print_instruction(self, number: int) -> Iterator[str]:
+        instruction = self.program.instructions[number - 1]
+        if instruction.op not in _WITHOUT_STATEMENT:
+            self.names[number] = f"t{number}"
+            yield f"const {self.kind} t{number} = {self._write_value(instruction)};"
+
+    def _write_value(self, instruction: Instruction) -> str:
+        place = self.angles.places.get(instruction.args[0])
+        if instruction.op not in _TRIGONOMETRY or place is None:
+            return write_instruction(instruction, self.read, self.call)
+        name = "sines" if instruction.op is Op.SIN else "cosines"
+        return f"{name}[{place}]" if self.kind == "lanes" else f"AT({name}, {place})"
+
+    def _print_angles(self) -> Iterator[str]:
+        texts = [self.read(ref) for ref in self.angles.places]
+        if self.kind == "lanes":
+            size = room = str(len(texts))
+            listed = ", ".join(texts)
+        else:
+            size, room = f"COUNT({len(texts)})", f"ROOM({len(texts)})"
+            texts += [self.write_constant(0.0)] * (-len(texts) % _GROUP_SIZE)
+            groups = (texts[k : k + _GROUP_SIZE] for k in range(0, len(texts), _GROUP_SIZE))
+            listed = ", ".join(f"EIGHT({', '.join(group)})" for group in groups)
+        yield f"const lanes angles[{room}] = {{{listed}}};"
+        yield f"lanes sines[{room}];"
+        yield f"lanes cosines[{room}];"
+        yield f"find_sines({size}, angles, sines, cosines);"
+
+
+def print_c(program: Program, precision: str, *, together: bool = False) -> FunctionBody:
+    """Return the body of a C function; inputs and outputs are arrays with the ports' names.
+
+    Args:
+        program: what the function computes.
+        precision: "double" or "float".
+        together: whether sines and cosines are found together, with `find_sines` of the lanes' header.
+    """
+    spec, suffix = program.spec, "f" if precision == "float" else ""
+    printer = _CPrinter(
+        program,
+        precision,
+        group_angles(program) if together else GroupedAngles(places={}, before=()),
+        lambda value: write_literal(value, precision),
+        lambda port, element: f"{spec.inputs[port].name}[{element}]",
+    )
+    printer.call = lambda op: _C_FUNCTIONS[op] + suffix if op in _C_FUNCTIONS else op.value
+    for port, refs in zip(spec.outputs, program.outputs, strict=True):
+        for element, ref in enumerate(refs):
+            printer.promise([ref], partial(_write_element, printer, f"{port.name}[{element}]", ref))
+    return FunctionBody(statements=tuple(printer.print()), helpers=list_helpers(program))
+
+
+def _write_element(printer: _CPrinter, target: str, ref: int) -> str:
+    return f"{target} = {printer.read(ref)};"
+
+
+def print_simd(program: Program, precision: str) -> tuple[str, ...]:
+    """Return the body of a loop over blocks of samples, the first of which is number `k`, or nothing."""
+    angles = group_angles(program)
+    sides = {instruction.op for instruction in program.instructions}
+    trigonometry = [i for i in program.instructions if i.op in _TRIGONOMETRY]
+    if not sides <= _SIMD_OPS or any(i.args[0] not in angles.places for i in trigonometry):
+        return ()
+    inputs, outputs = program.spec.inputs, program.spec.outputs
+
+    def write_input(number: int, element: int) -> str:
+        port = inputs[number]
+        return f"ALL({port.name}[{element}])" if port.shared else f"{port.name}{element}"
+
+    def write_constant(value: float) -> str:
+        return f"ALL({write_literal(value, precision)})"
+
+    printer = _CPrinter(program, "lanes", angles, write_constant, write_input)
+    for port, refs in zip(outputs, program.outputs, strict=True):
+        for first in range(0, port.size, _GROUP_SIZE):
+            group = refs[first : first + _GROUP_SIZE]
+            write = partial(_write_store, printer, port, first, group)
+            printer.promise(group, write)
+    read = (instruction.args for instruction in program.instructions if instruction.op is Op.INPUT)
+    used = sorted({(number, element) for number, element in read if not inputs[number].shared})
+    return (*(_write_load(inputs[number], element) for number, element in used), *printer.print())
+
+
+def _write_load(port: Port, element: int) -> str:
+    start = f"{port.name} + {port.size} * k" + (f" + {element}" if element else "")
+    return f"const lanes {port.name}{element} = GATHER({start}, {port.size});"
+
+
+def _write_store(printer: _CPrinter, port: Port, first: int, refs: tuple[int, ...]) -> str:
+    texts = [printer.read(ref) for ref in refs]
+    size = port.size
+
+    def find_target(element: int) -> str:
+        return f"{port.name} + {size} * k" + (f" + {element}" if element else "")
+
+    if len(texts) == _GROUP_SIZE:
+        return f"store_eight({find_target(first)}, {size}, (const lanes[]){{{', '.join(texts)}}});"
+    stores = (f"store_one({find_target(first + k)}, {size}, {text});" for k, text in enumerate(texts))
+    return " ".join(stores)
+
+
+# Comparisons with NaN are false: each helper lets a NaN through by its last branch.
+_C_HELPERS = {
+    "sign": "static {real} sign({real} x)\n"
+    "{{\n    return x > {zero} ? {one} : (x < {zero} ? -{one} : x);\n}}",
+    "less": "static {real} less({real} a, {real} b)\n"
+    "{{\n    return a < b ? {one} : (a >= b ? {zero} : a + b);\n}}",
+    "less_equal": "static {real} less_equal({real} a, {real} b)\n"
+    "{{\n    return a <= b ? {one} : (a > b ? {zero} : a + b);\n}}",
+    "is_zero": "static {real} is_zero({real} x)\n"
+    "{{\n    return x > {zero} || x < {zero} ? {zero} : (x == {zero} ? {one} : x);\n}}",
+    "maximum": "static {real} maximum({real} a, {real} b)\n"
+    "{{\n    return a > b ? a : (a <= b ? b : a + b);\n}}",
+    "minimum": "static {real} minimum({real} a, {real} b)\n"
+    "{{\n    return a < b ? a : (a >= b ? b : a + b);\n}}",
+    "select": "static {real} select({real} condition, {real} x)\n"
+    "{{\n    return condition > {zero} || condition < {zero} ? x : condition;\n}}",
+}
+
+
+def write_c_helper(name: str, real: str) -> str:
+    """Return the definition of the helper `name` for numbers of type `real`."""
+    suffix = "f" if real == "float" else ""
+    return _C_HELPERS[name].format(real=real, zero=f"0.0{suffix}", one=f"1.0{suffix}")
+
+
+_LITERALS_PER_LINE = 5
+
+
+def write_table_lines(values: Sequence[float], real: str) -> tuple[str, ...]:
+    """Return an initialiser's lines; without values it holds a zero, as an empty one is no C."""
+    literals = [write_literal(value, real) for value in values] or [write_literal(0.0, real)]
+    starts = range(0, len(literals), _LITERALS_PER_LINE)
+    return tuple(", ".join(literals[k : k + _LITERALS_PER_LINE]) + "," for k in starts)

@@ -1,7 +1,6 @@
 """All routes to the functions of the catalogue, and the choice among them.
 
-Input: a robot. Output: `Choice`: per function the program of the route with the fewest operations, and the
-counts of all.
+Robot -> `RouteChoice`: per function the program of the route with the fewest operations, and all counts.
 
 Supported: everything the dynamics supports.
 """
@@ -9,61 +8,53 @@ Supported: everything the dynamics supports.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from symid.codegen.catalogue import find_robot_specs
-from symid.codegen.constants import Constants
-from symid.codegen.elastic_routes import (
-    build_feed_forward,
-    build_hysteresis_inverse_step,
-    build_hysteresis_step,
-)
-from symid.codegen.energy_routes import (
-    build_energy,
-    build_energy_of_bodies,
-    build_energy_rows,
-    derive_lagrange_columns,
-    derive_mass_matrix,
-    derive_momentum_columns,
-    derive_torque_columns,
-    derive_torques,
-)
+from symid.codegen.catalogue import list_robot_specs
 from symid.codegen.functions import FunctionSpec
-from symid.codegen.instructions import Operations, Program, count_operations
-from symid.codegen.matrix_routes import (
-    build_derivatives,
-    build_forward_dynamics,
-    build_mass_matrix,
-    build_mass_matrix_at,
-    differentiate_torques,
+from symid.codegen.model_card import Constants
+from symid.codegen.programs import Operations, Program, build_depth_first, count_operations
+from symid.codegen.route_builders import (
+    ProjectionPlace,
+    build_derivatives_route,
+    build_feed_forward_route,
+    build_forward_dynamics_route,
+    build_lagrange_regressor_route,
+    build_mass_matrix_route,
+    build_momentum_regressor_route,
+    build_slotine_li_regressor_route,
+    build_torque_derivatives_route,
+    build_torque_regressor_route,
+    emit_coriolis_matrix,
+    emit_derived_lagrange_regressor,
+    emit_derived_mass_matrix,
+    emit_derived_momentum_regressor,
+    emit_derived_torque_regressor,
+    emit_derived_torques,
+    emit_energy,
+    emit_energy_of_bodies,
+    emit_energy_regressor,
+    emit_forward_kinematics,
+    emit_friction,
+    emit_friction_regressor,
+    emit_hysteresis_inverse_step,
+    emit_hysteresis_step,
+    emit_jacobian,
+    emit_mass_matrix,
+    emit_torques_by_regressor,
+    emit_torques_by_tensors,
+    emit_torques_by_vectors,
 )
-from symid.codegen.meetings import meet_before_leaves, meet_in_link
-from symid.codegen.plain_routes import (
-    build_forward_kinematics,
-    build_friction,
-    build_friction_matrix,
-    build_jacobian,
+from symid.codegen.workspace import (
+    RouteBuilder,
+    RouteWorkspace,
+    build_workspace,
+    check_symbols,
+    project_before_leaves,
+    project_in_link,
 )
-from symid.codegen.regressor_routes import (
-    Place,
-    build_lagrange_columns,
-    build_momentum_columns,
-    build_slotine_li_columns,
-    build_torque_columns,
-)
-from symid.codegen.scheduling import build_depth_first
-from symid.codegen.torque_routes import (
-    build_coriolis_matrix,
-    build_torques_by_regressor,
-    build_torques_by_tensors,
-    build_torques_by_vectors,
-)
-from symid.codegen.workspace import Build, Workspace, build_workspace, check_symbols
-from symid.dynamics.turns import find_turns
-from symid.parameters.base import BaseParameters, find_base_parameters
-from symid.robot.description import Robot
+from symid.dynamics import BaseParameters, derive_base_parameters, list_constant_rotations
+from symid.robot import Robot
 
-__all__ = ["ROUTES", "Choice", "RouteCount", "choose_route", "find_route_counts"]
-
-Routes = Mapping[str, Build]
+Routes = Mapping[str, RouteBuilder]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,104 +68,120 @@ class RouteCount:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Choice:
+class RouteChoice:
     """The program of the route with the fewest operations, and the counts of all routes to its function."""
 
     program: Program
     counts: tuple[RouteCount, ...]
 
 
-_PLACES: Mapping[str, Place | None] = {
+_PROJECTION_PLACES: Mapping[str, ProjectionPlace | None] = {
     "column recursion": None,
-    "axis projection": meet_in_link,
-    "axis projection, last links one joint down": meet_before_leaves,
+    "axis projection": project_in_link,
+    "axis projection, last links one joint down": project_before_leaves,
 }
 
 
-def _shift(build: Build) -> Build:
+def _shift_origins(build: RouteBuilder) -> RouteBuilder:
     """Return the route with link origins moved along their joints' axes."""
     return lambda workspace: build(workspace.shift())
 
 
-def _hold(build: Build) -> Build:
+def _hold_last_links(build: RouteBuilder) -> RouteBuilder:
     """Return the route with the last links in axes that do not turn with them."""
     return lambda workspace: build(workspace.hold())
 
 
-_MASS: Routes = {
-    "composite bodies": build_mass_matrix,
-    "composite bodies, meeting in the second link": build_mass_matrix_at(1),
-    "composite bodies, meeting in the third link": build_mass_matrix_at(2),
-    "composite bodies, shifted origins": _shift(build_mass_matrix),
+_MASS_ROUTES: Routes = {
+    "composite bodies": emit_mass_matrix,
+    "composite bodies, meeting in the second link": build_mass_matrix_route(1),
+    "composite bodies, meeting in the third link": build_mass_matrix_route(2),
+    "composite bodies, shifted origins": _shift_origins(emit_mass_matrix),
 }
-_RECURSIONS: Routes = {
-    "vector recursion": build_torques_by_vectors,
-    "tensor recursion": build_torques_by_tensors,
-    "tensor recursion, shifted origins": _shift(build_torques_by_tensors),
-    "tensor recursion, last links held": _hold(build_torques_by_tensors),
-    "tensor recursion, shifted origins, last links held": _shift(_hold(build_torques_by_tensors)),
+_RECURSION_ROUTES: Routes = {
+    "vector recursion": emit_torques_by_vectors,
+    "tensor recursion": emit_torques_by_tensors,
+    "tensor recursion, shifted origins": _shift_origins(emit_torques_by_tensors),
+    "tensor recursion, last links held": _hold_last_links(emit_torques_by_tensors),
+    "tensor recursion, shifted origins, last links held": _shift_origins(
+        _hold_last_links(emit_torques_by_tensors)
+    ),
 }
-_TORQUE: Routes = {
-    **_RECURSIONS,
-    "regressor times parameters": build_torques_by_regressor,
-    "differentiation of the energy": derive_torques,
+_TORQUE_ROUTES: Routes = {
+    **_RECURSION_ROUTES,
+    "regressor times parameters": emit_torques_by_regressor,
+    "differentiation of the energy": emit_derived_torques,
 }
 
 
-def _meet(find: Callable[[Place | None], Build], derived: Build | None = None) -> Routes:
-    routes = {name: find(place) for name, place in _PLACES.items()}
+def _list_projection_routes(
+    find: Callable[[ProjectionPlace | None], RouteBuilder], derived: RouteBuilder | None = None
+) -> Routes:
+    routes = {name: find(place) for name, place in _PROJECTION_PLACES.items()}
     return routes if derived is None else {**routes, "differentiation of the energy": derived}
 
 
-def _combine(build: Callable[[Build, Build], Build], parts: Routes) -> Routes:
+def _combine_routes(build: Callable[[RouteBuilder, RouteBuilder], RouteBuilder], parts: Routes) -> Routes:
     """Return the routes that take a mass matrix and `parts` from other routes."""
-    return {f"{mass}; {part}": build(_MASS[mass], parts[part]) for mass in _MASS for part in parts}
+    return {
+        f"{mass}; {part}": build(_MASS_ROUTES[mass], parts[part]) for mass in _MASS_ROUTES for part in parts
+    }
 
 
-_SLOPES: Routes = {name: differentiate_torques(build) for name, build in _RECURSIONS.items()}
+_DERIVATIVE_ROUTES: Routes = {
+    name: build_torque_derivatives_route(build) for name, build in _RECURSION_ROUTES.items()
+}
 ROUTES: Mapping[str, Routes] = {
-    "forward_kinematics": {"chain of frames": build_forward_kinematics},
-    "jacobian": {"axes in the base frame": build_jacobian},
-    "mass_matrix": {**_MASS, "differentiation of the energy": derive_mass_matrix},
+    "forward_kinematics": {"chain of frames": emit_forward_kinematics},
+    "jacobian": {"axes in the base frame": emit_jacobian},
+    "mass_matrix": {**_MASS_ROUTES, "differentiation of the energy": emit_derived_mass_matrix},
     "coriolis_matrix": {
-        "torques of unit rates": build_coriolis_matrix,
-        "torques of unit rates, shifted origins": _shift(build_coriolis_matrix),
-        "torques of unit rates, last links held": _hold(build_coriolis_matrix),
-        "torques of unit rates, shifted origins, last links held": _shift(_hold(build_coriolis_matrix)),
+        "torques of unit rates": emit_coriolis_matrix,
+        "torques of unit rates, shifted origins": _shift_origins(emit_coriolis_matrix),
+        "torques of unit rates, last links held": _hold_last_links(emit_coriolis_matrix),
+        "torques of unit rates, shifted origins, last links held": _shift_origins(
+            _hold_last_links(emit_coriolis_matrix)
+        ),
     },
-    "gravity": _TORQUE,
-    "bias": _TORQUE,
-    "inverse_dynamics": _TORQUE,
-    "forward_dynamics": _combine(build_forward_dynamics, _RECURSIONS),
-    "inverse_dynamics_derivatives": _combine(build_derivatives, _SLOPES),
+    "gravity": _TORQUE_ROUTES,
+    "bias": _TORQUE_ROUTES,
+    "inverse_dynamics": _TORQUE_ROUTES,
+    "forward_dynamics": _combine_routes(build_forward_dynamics_route, _RECURSION_ROUTES),
+    "inverse_dynamics_derivatives": _combine_routes(build_derivatives_route, _DERIVATIVE_ROUTES),
     "energy": {
-        "regressor times parameters": build_energy,
-        "sum over bodies": build_energy_of_bodies,
-        "sum over bodies, shifted origins": _shift(build_energy_of_bodies),
-        "sum over bodies, last links held": _hold(build_energy_of_bodies),
+        "regressor times parameters": emit_energy,
+        "sum over bodies": emit_energy_of_bodies,
+        "sum over bodies, shifted origins": _shift_origins(emit_energy_of_bodies),
+        "sum over bodies, last links held": _hold_last_links(emit_energy_of_bodies),
     },
-    "energy_regressor": {"recursion": build_energy_rows},
-    "momentum_regressor": _meet(build_momentum_columns, derive_momentum_columns),
-    "lagrange_regressor": _meet(build_lagrange_columns, derive_lagrange_columns),
-    "torque_regressor": _meet(build_torque_columns, derive_torque_columns),
-    "slotine_li_regressor": _meet(build_slotine_li_columns),
-    "friction": {"regressor times parameters": build_friction},
-    "friction_regressor": {"columns of the joint models": build_friction_matrix},
-    "hysteresis_step": {"plays": build_hysteresis_step},
-    "hysteresis_inverse_step": {"plays of the inverse": build_hysteresis_inverse_step},
-    "elastic_inverse_dynamics": {name: build_feed_forward(build) for name, build in _RECURSIONS.items()},
+    "energy_regressor": {"recursion": emit_energy_regressor},
+    "momentum_regressor": _list_projection_routes(
+        build_momentum_regressor_route, emit_derived_momentum_regressor
+    ),
+    "lagrange_regressor": _list_projection_routes(
+        build_lagrange_regressor_route, emit_derived_lagrange_regressor
+    ),
+    "torque_regressor": _list_projection_routes(build_torque_regressor_route, emit_derived_torque_regressor),
+    "slotine_li_regressor": _list_projection_routes(build_slotine_li_regressor_route),
+    "friction": {"regressor times parameters": emit_friction},
+    "friction_regressor": {"columns of the joint models": emit_friction_regressor},
+    "hysteresis_step": {"plays": emit_hysteresis_step},
+    "hysteresis_inverse_step": {"plays of the inverse": emit_hysteresis_inverse_step},
+    "elastic_inverse_dynamics": {
+        name: build_feed_forward_route(build) for name, build in _RECURSION_ROUTES.items()
+    },
 }
 """Per function of the catalogue its routes by name; of routes that cost the same the first is taken."""
 
 
-def _choose(workspace: Workspace, spec: FunctionSpec) -> Choice:
+def _choose_in_workspace(workspace: RouteWorkspace, spec: FunctionSpec) -> RouteChoice:
     """Return the cheapest route of one workspace."""
     table = workspace.table
     built = {name: workspace.recall(build) for name, build in ROUTES[spec.name].items()}
     counts = {name: table.count(ref for port in ports for ref in port) for name, ports in built.items()}
     chosen = min(counts, key=lambda name: counts[name].mul + counts[name].add)
     instructions, outputs = table.collect(built[chosen])
-    return Choice(
+    return RouteChoice(
         program=build_depth_first(Program(spec=spec, instructions=instructions, outputs=outputs)),
         counts=tuple(
             RouteCount(function=spec.name, route=name, operations=count, chosen=name == chosen)
@@ -183,33 +190,33 @@ def _choose(workspace: Workspace, spec: FunctionSpec) -> Choice:
     )
 
 
-def _is_cheaper(other: Choice, choice: Choice) -> bool:
+def _is_cheaper(other: RouteChoice, choice: RouteChoice) -> bool:
     new, old = count_operations(other.program), count_operations(choice.program)
     return new.mul + new.add < old.mul + old.add and new.trig <= old.trig
 
 
 def choose_route(
     robot: Robot, base: BaseParameters, spec: FunctionSpec, constants: Constants | None = None
-) -> Choice:
+) -> RouteChoice:
     """Return the route to `spec` with the fewest products and sums, and the counts of all its routes.
 
     Constant turns about joint axes are part of the placements or of the joints' angles, whichever costs less.
     """
-    choice = _choose(build_workspace(robot, base, spec, constants=constants), spec)
-    turns = find_turns(robot)
+    choice = _choose_in_workspace(build_workspace(robot, base, spec, constants=constants), spec)
+    turns = list_constant_rotations(robot)
     if turns:
-        other = _choose(build_workspace(robot, base, spec, turns, constants), spec)
+        other = _choose_in_workspace(build_workspace(robot, base, spec, turns, constants), spec)
         choice = other if _is_cheaper(other, choice) else choice
     return choice
 
 
-def find_route_counts(robot: Robot) -> tuple[RouteCount, ...]:
+def count_route_operations(robot: Robot) -> tuple[RouteCount, ...]:
     """Return the operations of every route to every function of the catalogue.
 
     Raises:
         RobotError: a symbolic length has no value.
     """
     check_symbols(robot)
-    base = find_base_parameters(robot)
-    specs = find_robot_specs(robot, base)
+    base = derive_base_parameters(robot)
+    specs = list_robot_specs(robot, base)
     return tuple(count for spec in specs for count in choose_route(robot, base, spec).counts)

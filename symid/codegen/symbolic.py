@@ -1,7 +1,7 @@
 """The catalogue as exact SymPy expressions.
 
-Input: a robot, the name of a function. Output: `SymbolicFunction`: symbols of the inputs, matrices of the
-outputs, numbers as the robot file writes them, roots as roots, symbolic lengths as symbols.
+Robot, name of a function -> `SymbolicFunction`: symbols of the inputs, matrices of the outputs, numbers as
+the robot file writes them, roots as roots, symbolic lengths as symbols.
 
 Robot -> BaseParameters -> routes over exact numbers -> the program that is shortest written out -> SymPy.
 
@@ -16,30 +16,30 @@ from typing import Any, TypeAlias
 import sympy
 from sympy import Expr, ImmutableDenseMatrix, Rational, Symbol
 
-from symid.algebra.display import write_left
-from symid.algebra.exact import find_symbols
-from symid.codegen.catalogue import find_robot_specs
-from symid.codegen.expressions import count_written_out, share_values, write_values
+from symid.codegen.catalogue import list_robot_specs, list_spring_parameters
+from symid.codegen.expressions import ExactProgram, count_expanded_operations, share_values, write_values
 from symid.codegen.functions import FunctionSpec, Port
-from symid.codegen.instructions import Program
-from symid.codegen.polynomials import Source
+from symid.codegen.programs import Program
 from symid.codegen.routes import ROUTES
-from symid.codegen.springs import list_spring_parameters
 from symid.codegen.workspace import build_workspace
+from symid.dynamics import (
+    BaseParameters,
+    build_standard_parameters,
+    derive_base_parameters,
+    list_symbols,
+    write_name_latex,
+)
 from symid.errors import Notice, UsageError
 from symid.notation import SYMBOLS
-from symid.parameters.base import BaseParameters, build_standard_parameters, find_base_parameters
-from symid.robot.description import Robot
+from symid.robot import Robot
 
-__all__ = ["Entry", "SymbolicFunction", "derive_symbolic"]
-
-Entry: TypeAlias = Expr | ImmutableDenseMatrix | tuple[ImmutableDenseMatrix, ...]
+SymbolicOutput: TypeAlias = Expr | ImmutableDenseMatrix | tuple[ImmutableDenseMatrix, ...]
 """An output: a scalar, a column or matrix, or one matrix a link."""
 
 _LONGEST_PRINT = 20_000
 _LATEX = {symbol.name: symbol.latex for symbol in SYMBOLS}
 _LATEX |= {"dddq": r"\dddot q", "ddddq": r"\ddddot q", "dqr": r"\dot q_r", "ddqr": r"\ddot q_r"}
-_OUTPUTS = {
+_OUTPUT_LATEX = {
     "Yr": "Y_r",
     "YL": "Y_L",
     "Yf": "Y_f",
@@ -78,16 +78,16 @@ class SymbolicFunction:
     name: str
     meaning: str
     inputs: Mapping[str, ImmutableDenseMatrix]
-    outputs: Mapping[str, Entry]
+    outputs: Mapping[str, SymbolicOutput]
     units: Mapping[str, str]
     lengths: Mapping[Symbol, Rational | None]
     operations: int
     route: str
     names: Mapping[Symbol, str]
-    source: Source
+    source: ExactProgram
 
     @property
-    def expr(self) -> Entry:
+    def expr(self) -> SymbolicOutput:
         """Return the output of a function that has one only.
 
         Raises:
@@ -98,7 +98,7 @@ class SymbolicFunction:
             raise UsageError(Notice(code="usage.several-outputs", text=text))
         return next(iter(self.outputs.values()))
 
-    def __getitem__(self, name: str) -> Entry:
+    def __getitem__(self, name: str) -> SymbolicOutput:
         """Return the output called `name`."""
         return self.outputs[name]
 
@@ -106,7 +106,7 @@ class SymbolicFunction:
         """Return the call in one line, as mass_matrix(q, beta) -> M."""
         return f"{self.name}({', '.join(self.inputs)}) -> {', '.join(self.outputs)}"
 
-    def share(self) -> tuple[tuple[tuple[Symbol, Expr], ...], Mapping[str, Entry]]:
+    def share(self) -> tuple[tuple[tuple[Symbol, Expr], ...], Mapping[str, SymbolicOutput]]:
         """Return the outputs with a symbol for every value that is used more than once.
 
         The definitions come first, each before it is used: the form of `sympy.cse`, with about as many
@@ -152,7 +152,7 @@ class SymbolicFunction:
             return str(sympy.latex(value, symbol_names=self.names, mat_str="bmatrix", mat_delim=""))
 
         for name, value in self.outputs.items():
-            left = _OUTPUTS.get(name) or _LATEX.get(name, name)
+            left = _OUTPUT_LATEX.get(name) or _LATEX.get(name, name)
             if isinstance(value, tuple):
                 yield from (
                     f"{_write_index(left, str(k))} = {write(m)}" for k, m in enumerate(value, start=1)
@@ -185,7 +185,7 @@ def _write_name(name: str) -> str:
     if match and match["letter"] in _LATEX:
         places = (match["place"],) if match["place"] else ()
         return _write_index(_LATEX[match["letter"]], *places, match["number"])
-    return write_left(name)
+    return write_name_latex(name)
 
 
 def _list_names(robot: Robot, base: BaseParameters, port: Port) -> list[str]:
@@ -207,7 +207,7 @@ def _list_names(robot: Robot, base: BaseParameters, port: Port) -> list[str]:
     return [f"{port.name}{number}" for number in numbers]
 
 
-def _find_inputs(
+def _build_input_columns(
     robot: Robot, base: BaseParameters, spec: FunctionSpec, symbols: Mapping[str, Sequence[Expr]]
 ) -> dict[str, ImmutableDenseMatrix]:
     """Return the column of every input, from `symbols` where it is given."""
@@ -229,8 +229,8 @@ def _find_inputs(
     return inputs
 
 
-def _shape_outputs(spec: FunctionSpec, values: Sequence[Sequence[Expr]]) -> dict[str, Entry]:
-    def shape(port: Port, entries: Sequence[Expr]) -> Entry:
+def _shape_outputs(spec: FunctionSpec, values: Sequence[Sequence[Expr]]) -> dict[str, SymbolicOutput]:
+    def shape(port: Port, entries: Sequence[Expr]) -> SymbolicOutput:
         if port.shape == (1,):
             return entries[0]
         if len(port.shape) <= 2:
@@ -243,17 +243,17 @@ def _shape_outputs(spec: FunctionSpec, values: Sequence[Sequence[Expr]]) -> dict
     return {port.name: shape(port, part) for port, part in zip(spec.outputs, values, strict=True)}
 
 
-def _find_source(
+def _choose_shortest_route(
     robot: Robot, base: BaseParameters, spec: FunctionSpec, inputs: Mapping[str, ImmutableDenseMatrix]
-) -> tuple[str, Source]:
+) -> tuple[str, ExactProgram]:
     """Return the route whose formulas are shortest, and what it computes."""
     workspace = build_workspace(robot, base, spec, exact=True)
     programs: dict[str, Program] = {}
     for route, build in ROUTES[spec.name].items():
         instructions, outputs = workspace.table.collect(workspace.recall(build))
         programs[route] = Program(spec=spec, instructions=instructions, outputs=outputs)
-    chosen = min(programs, key=lambda route: count_written_out(programs[route]))
-    return chosen, Source(
+    chosen = min(programs, key=lambda route: count_expanded_operations(programs[route]))
+    return chosen, ExactProgram(
         program=programs[chosen],
         numbers=tuple(workspace.algebra.numbers or ()),
         inputs=tuple(tuple(column) for column in inputs.values()),
@@ -285,14 +285,14 @@ def derive_symbolic(
         UsageError: the catalogue has no such function for this robot, or `symbols` do not fit it.
     """
     if standard or base is None:
-        base = build_standard_parameters(robot) if standard else find_base_parameters(robot)
-    specs = {spec.name: spec for spec in find_robot_specs(robot, base)}
+        base = build_standard_parameters(robot) if standard else derive_base_parameters(robot)
+    specs = {spec.name: spec for spec in list_robot_specs(robot, base)}
     if name not in specs:
         text = f"function '{name}' is not in the catalogue; there are {', '.join(specs)}"
         raise UsageError(Notice(code="usage.unknown-function", text=text))
     spec = specs[name]
-    inputs = _find_inputs(robot, base, spec, symbols or {})
-    route, source = _find_source(robot, base, spec, inputs)
+    inputs = _build_input_columns(robot, base, spec, symbols or {})
+    route, source = _choose_shortest_route(robot, base, spec, inputs)
     values = dict(robot.symbols)
     flat = [entry for column in inputs.values() for entry in column]
     return SymbolicFunction(
@@ -303,9 +303,9 @@ def derive_symbolic(
         units={port.name: port.unit for port in (*spec.inputs, *spec.outputs)},
         lengths={
             Symbol(length): Rational(repr(values[length])) if length in values else None
-            for length in find_symbols(robot)
+            for length in list_symbols(robot)
         },
-        operations=count_written_out(source.program),
+        operations=count_expanded_operations(source.program),
         route=route,
         names={entry: _write_name(entry.name) for entry in flat if isinstance(entry, Symbol)},
         source=source,

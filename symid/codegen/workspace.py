@@ -1,39 +1,52 @@
-"""What all routes to one function start from: a table of values, the inputs, the robot in its state.
+"""What all routes to a function start from, and how their results become the elements of its output ports.
 
-Input: a robot, its base parameters, an entry of the catalogue. Output: `Workspace`.
+Robot, base parameters, an entry of the catalogue -> `RouteWorkspace`: a table of expressions, the inputs,
+the robot in its state. A coordinate that is not an input of the function is zero: gravity is inverse
+dynamics at rest.
 
-A coordinate that is not an input of the function is zero: gravity is inverse dynamics at rest.
+Values per joint, per pair of joints, per joint and parameter, or per coordinate -> `Elements`, the
+references of one port in row-major order. Every result passes here, so that the shares of joints that
+follow another are added at its coordinate.
 
-Supported: rigid robots, symbolic lengths with a value; without one where the workspace is exact.
+Where wrenches on their way to the base are projected on joint screws is a choice; the choices cost
+different numbers of operations.
+
+Supported: rigid robots, trees, symbolic lengths with a value; without one where the workspace is exact.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from symid.algebra.exact import find_symbols
-from symid.algebra.scalar import spread_coordinates
-from symid.codegen.constants import Constants
 from symid.codegen.functions import FunctionSpec
-from symid.codegen.value_algebra import ValueAlgebra, build_value_state
-from symid.codegen.values import ValueTable
-from symid.dynamics.kinematics import Recursion, build_recursion
-from symid.dynamics.leaves import hold_leaves
-from symid.dynamics.origins import find_shifts, shift_origins, shift_parameters
-from symid.dynamics.turns import remove_turns
+from symid.codegen.model_card import Constants
+from symid.codegen.programs import ExpressionTable, ValueAlgebra, build_joint_state
+from symid.dynamics import (
+    BaseParameters,
+    Label,
+    ProjectionFrame,
+    Recursion,
+    build_recursion,
+    choose_origin_shifts,
+    fix_last_link_axes,
+    fold_matrix,
+    fold_vector,
+    list_symbols,
+    remove_constant_rotations,
+    shift_origins,
+    shift_parameters,
+    spread_coordinates,
+)
 from symid.errors import Notice, RobotError
-from symid.parameters.base import BaseParameters, Label
-from symid.robot.description import Robot
-
-__all__ = ["Build", "Elements", "Workspace", "build_workspace", "check_symbols"]
+from symid.robot import Robot
 
 Elements = tuple[int, ...]
 """The references of one output port in row-major order."""
-Build = Callable[["Workspace"], tuple[Elements, ...]]
+RouteBuilder = Callable[["RouteWorkspace"], tuple[Elements, ...]]
 """A route: what it makes of a workspace are the elements of all output ports."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Workspace:
+class RouteWorkspace:
     """Inputs as references, one a coordinate or parameter, and the recursion over them.
 
     `inputs` holds every vector a route may ask for, zeros where the function has no such input;
@@ -41,14 +54,14 @@ class Workspace:
     """
 
     base: BaseParameters
-    table: ValueTable
+    table: ExpressionTable
     algebra: ValueAlgebra
     inputs: Mapping[str, tuple[int, ...]]
     recursion: Recursion[int]
     parameters: Mapping[Label, int]
-    built: dict[Build, tuple[Elements, ...]] = field(default_factory=dict)
+    built: dict[RouteBuilder, tuple[Elements, ...]] = field(default_factory=dict)
 
-    def recall(self, build: Build) -> tuple[Elements, ...]:
+    def recall(self, build: RouteBuilder) -> tuple[Elements, ...]:
         """Return what `build` makes in this workspace; it is made once."""
         if build not in self.built:
             self.built[build] = build(self)
@@ -68,23 +81,23 @@ class Workspace:
         """Return the values of the joints from those of the coordinates."""
         return spread_coordinates(self.robot, self.recursion.algebra, values)[: self.robot.size]
 
-    def move(self, velocity: tuple[int, ...]) -> "Workspace":
+    def move(self, velocity: tuple[int, ...]) -> "RouteWorkspace":
         """Return the same workspace at other velocities of the coordinates."""
         state = replace(self.recursion.state, velocity=self.spread(velocity))
         recursion = build_recursion(self.robot, self.recursion.algebra, state)
         return replace(self, inputs={**self.inputs, "dq": velocity}, recursion=recursion, built={})
 
-    def shift(self) -> "Workspace":
+    def shift(self) -> "RouteWorkspace":
         """Return the same workspace with link origins moved along their joints' axes."""
-        shifts = find_shifts(self.robot)
+        shifts = choose_origin_shifts(self.robot)
         algebra = self.recursion.algebra
         recursion = build_recursion(shift_origins(self.robot, shifts), algebra, self.recursion.state)
         parameters = shift_parameters(algebra, self.parameters, shifts)
         return replace(self, recursion=recursion, parameters=parameters, built={})
 
-    def hold(self) -> "Workspace":
+    def hold(self) -> "RouteWorkspace":
         """Return the same workspace with the last links in axes that do not turn with them."""
-        recursion, parameters = hold_leaves(self.recursion, self.parameters)
+        recursion, parameters = fix_last_link_axes(self.recursion, self.parameters)
         return replace(self, recursion=recursion, parameters=parameters, built={})
 
 
@@ -94,7 +107,7 @@ def check_symbols(robot: Robot) -> None:
     Raises:
         RobotError: one has none.
     """
-    missing = [name for name in find_symbols(robot) if name not in dict(robot.symbols)]
+    missing = [name for name in list_symbols(robot) if name not in dict(robot.symbols)]
     if missing:
         text = (
             f"code needs a value for the symbolic length {', '.join(missing)}: add it under [symbols], in m"
@@ -110,7 +123,7 @@ def build_workspace(
     constants: Constants | None = None,
     *,
     exact: bool = False,
-) -> Workspace:
+) -> RouteWorkspace:
     """Return a new workspace for the function `spec`.
 
     `turns` are constant turns of joints (see `turns`) that are added to the joints' angles; the others are
@@ -118,7 +131,7 @@ def build_workspace(
     keeps numbers and symbolic lengths as they are, see `ValueAlgebra.numbers`.
     """
     turns = turns or {}
-    table = ValueTable()
+    table = ExpressionTable()
     zero = table.constant(0.0)
     moving = ("q", "dq", "ddq", "dqr", "ddqr", "tau")
     sizes = {**dict.fromkeys(moving, robot.freedom), base.vector: base.count, "f": len(base.friction)}
@@ -128,12 +141,87 @@ def build_workspace(
     for name, values in (constants or {}).items():
         inputs[name] = tuple(map(table.constant, values))
     algebra = ValueAlgebra(table, dict(robot.symbols), {} if exact else None)
-    state = build_value_state(robot, algebra, (inputs["q"], inputs["dq"], inputs["ddq"]), turns)
-    return Workspace(
+    state = build_joint_state(robot, algebra, (inputs["q"], inputs["dq"], inputs["ddq"]), turns)
+    return RouteWorkspace(
         base=base,
         table=table,
         algebra=algebra,
         inputs=inputs,
-        recursion=build_recursion(remove_turns(robot, turns), algebra, state),
+        recursion=build_recursion(remove_constant_rotations(robot, turns), algebra, state),
         parameters=dict(zip(base.keys, inputs[base.vector], strict=True)),
     )
+
+
+def _check_size(values: Sequence[object], size: int) -> None:
+    if len(values) != size:
+        message = f"expected {size} values, got {len(values)}"
+        raise ValueError(message)
+
+
+def flatten_vector(workspace: RouteWorkspace, values: Sequence[int]) -> Elements:
+    """Return a value per joint as a port of shape (n,)."""
+    _check_size(values, workspace.robot.size)
+    return fold_vector(workspace.robot, workspace.recursion.algebra, values)
+
+
+def flatten_coordinates(workspace: RouteWorkspace, values: Sequence[int]) -> Elements:
+    """Return a value per coordinate as a port of shape (n,)."""
+    _check_size(values, workspace.robot.freedom)
+    return tuple(values)
+
+
+def flatten_matrix(workspace: RouteWorkspace, rows: Sequence[Sequence[int]]) -> Elements:
+    """Return a matrix of joints by joints as a port of shape (n, n)."""
+    _check_size(rows, workspace.robot.size)
+    return flatten_rows(workspace, fold_matrix(workspace.robot, workspace.recursion.algebra, rows))
+
+
+def flatten_rows(workspace: RouteWorkspace, rows: Sequence[Sequence[int]]) -> Elements:
+    """Return a matrix of coordinates by coordinates as a port of shape (n, n)."""
+    return tuple(entry for row in rows for entry in flatten_coordinates(workspace, row))
+
+
+def flatten_columns(workspace: RouteWorkspace, columns: Mapping[Label, Sequence[int]]) -> Elements:
+    """Return a column of joints per base parameter as a port of shape (n, b)."""
+    return flatten_coordinate_columns(
+        workspace, [flatten_vector(workspace, columns[key]) for key in workspace.base.keys]
+    )
+
+
+def flatten_coordinate_columns(workspace: RouteWorkspace, columns: Sequence[Sequence[int]]) -> Elements:
+    """Return columns with an entry a coordinate as a port of shape (n, columns)."""
+    return tuple(column[k] for k in range(workspace.robot.freedom) for column in columns)
+
+
+def _list_path(robot: Robot, link: int) -> list[int]:
+    """Return the links from the base to `link`."""
+    path = []
+    while link >= 0:
+        path.append(link)
+        link = robot.joints[link].parent
+    return path[::-1]
+
+
+def project_in_link(_robot: Robot) -> ProjectionFrame:
+    """Return the meeting in every link's own frame."""
+    return lambda link: link
+
+
+def project_before_leaves(robot: Robot) -> ProjectionFrame:
+    """Return the meeting in a link's own frame, for a link that carries no other in its parent's.
+
+    The screws of many joints come up to a last frame for the sake of one link only.
+    """
+    parents = {joint.parent for joint in robot.joints}
+    places = [
+        link if link in parents or joint.parent < 0 else joint.parent
+        for link, joint in enumerate(robot.joints)
+    ]
+    return places.__getitem__
+
+
+def project_at_depth(robot: Robot, depth: int) -> ProjectionFrame:
+    """Return the meeting in the frame that is `depth` joints above the base link, or the link's own."""
+    paths = [_list_path(robot, link) for link in range(robot.size)]
+    places = [path[min(depth, len(path) - 1)] for path in paths]
+    return places.__getitem__

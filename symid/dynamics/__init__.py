@@ -1,1 +1,122 @@
-"""What the robot does: exact expressions derived from its description."""
+"""Exact expressions derived from the description, base parameters with their reasons, consistent bodies."""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from symid.dynamics.algebra import (
+        RobotState as RobotState,
+        spread_coordinates as spread_coordinates,
+        sum_values as sum_values,
+    )
+    from symid.dynamics.base_parameters import (
+        BASE_FORMS as BASE_FORMS,
+        BaseParameter as BaseParameter,
+        BaseParameters as BaseParameters,
+        build_standard_parameters as build_standard_parameters,
+        compute_parameter_values as compute_parameter_values,
+        derive_base_parameters as derive_base_parameters,
+        derive_parameter_formulas as derive_parameter_formulas,
+    )
+    from symid.dynamics.bodies import (
+        DRIVE_PARAMETERS as DRIVE_PARAMETERS,
+        compute_drive_energy as compute_drive_energy,
+        compute_mass_matrix as compute_mass_matrix,
+        gather_body as gather_body,
+    )
+    from symid.dynamics.exact_algebra import (
+        PointAlgebra as PointAlgebra,
+        build_exact_state as build_exact_state,
+        build_point_state as build_point_state,
+        choose_domain as choose_domain,
+        list_symbols as list_symbols,
+        write_name_latex as write_name_latex,
+        write_polynomial_latex as write_polynomial_latex,
+        write_polynomial_text as write_polynomial_text,
+    )
+    from symid.dynamics.explanations import (
+        Label as Label,
+        get_label_unit as get_label_unit,
+        get_owner as get_owner,
+        write_label as write_label,
+    )
+    from symid.dynamics.frame_choice import (
+        choose_origin_shifts as choose_origin_shifts,
+        fix_last_link_axes as fix_last_link_axes,
+        list_constant_rotations as list_constant_rotations,
+        remove_constant_rotations as remove_constant_rotations,
+        shift_origins as shift_origins,
+        shift_parameters as shift_parameters,
+    )
+    from symid.dynamics.interior_point import (
+        flatten_symmetric as flatten_symmetric,
+        unflatten_symmetric as unflatten_symmetric,
+    )
+    from symid.dynamics.lagrange import (
+        ExactEnergy as ExactEnergy,
+        derive_energy as derive_energy,
+        derive_torque_columns as derive_torque_columns,
+        evaluate_torque_columns as evaluate_torque_columns,
+    )
+    from symid.dynamics.newton_euler import (
+        compute_inverse_dynamics as compute_inverse_dynamics,
+        compute_tensor_torques as compute_tensor_torques,
+    )
+    from symid.dynamics.observable_subspace import build_field as build_field
+    from symid.dynamics.payload import (
+        BaseValues as BaseValues,
+        ParameterChange as ParameterChange,
+        Payload as Payload,
+        PayloadQuantity as PayloadQuantity,
+        build_base_values as build_base_values,
+        estimate_payload as estimate_payload,
+    )
+    from symid.dynamics.physical_consistency import (
+        IdentifiedRobot as IdentifiedRobot,
+        StandardSet as StandardSet,
+        build_grouping as build_grouping,
+        build_identified_robot as build_identified_robot,
+    )
+    from symid.dynamics.pseudo_inertia import (
+        PSEUDO_INERTIA_FORMS as PSEUDO_INERTIA_FORMS,
+        build_prior as build_prior,
+        build_pseudo_inertias as build_pseudo_inertias,
+        compute_standard_parameters as compute_standard_parameters,
+    )
+    from symid.dynamics.recursion import (
+        LinkMotion as LinkMotion,
+        Recursion as Recursion,
+        build_recursion as build_recursion,
+        compute_jacobian as compute_jacobian,
+        compute_link_poses as compute_link_poses,
+        fold_matrix as fold_matrix,
+        fold_vector as fold_vector,
+    )
+    from symid.dynamics.regressors import (
+        Columns as Columns,
+        Key as Key,
+        compute_body_energy as compute_body_energy,
+        compute_energy_regressor as compute_energy_regressor,
+        compute_lagrange_columns as compute_lagrange_columns,
+        compute_momentum_columns as compute_momentum_columns,
+        compute_slotine_li_columns as compute_slotine_li_columns,
+        compute_torque_columns as compute_torque_columns,
+    )
+    from symid.dynamics.regrouping import (
+        OpenReading as OpenReading,
+        build_regrouping as build_regrouping,
+        evaluate_regrouping as evaluate_regrouping,
+        express_group as express_group,
+        list_coupled_readings as list_coupled_readings,
+        list_kindred_readings as list_kindred_readings,
+        read_group as read_group,
+    )
+    from symid.dynamics.trigonometric_basis import (
+        build_basis as build_basis,
+        build_power_function as build_power_function,
+        split_polynomial as split_polynomial,
+    )
+    from symid.dynamics.wrenches import ProjectionFrame as ProjectionFrame
+else:
+    from symid.lazy import load_names
+
+    __getattr__, __dir__, __all__ = load_names(__name__, __file__)

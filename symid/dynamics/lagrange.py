@@ -1,14 +1,14 @@
 """The Lagrangian forms, derived from the energy: momentum, dL/dq and torque, exactly.
 
-Input: a robot. Output: `ExactEnergy`, polynomials of kinetic and potential energy per standard parameter,
-and what follows from them by differentiation by the coordinates alone:
+Robot -> `ExactEnergy`, polynomials of kinetic and potential energy per standard parameter, and what follows
+from them by differentiation by the coordinates alone:
 
     p = dT/ddq,    tau = dp/dt - dT/dq + dV/dq    (Lagrange).
 
 This is the slow, sure way. Code comes from the recursion; tests prove both to be the same.
 
-Supported: everything the exact algebra supports. The torque regressor of a chain of seven joints has
-many terms: `evaluate_torque_columns` gives it at exact rational points instead.
+Supported: everything the exact algebra supports. The torque regressor of a chain of seven joints has many
+terms: `evaluate_torque_columns` gives it at exact rational points instead.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,22 +17,12 @@ from typing import Any
 
 from sympy.polys.rings import PolyElement
 
-from symid.algebra.exact import ExactAlgebra, build_exact_algebra, build_exact_state, differentiate
-from symid.dynamics.drives import find_drive_energy, list_drive_parameters
-from symid.dynamics.energy import find_energy_rows
-from symid.dynamics.kinematics import build_recursion
-from symid.dynamics.regressors import Columns, Key
+from symid.dynamics.bodies import compute_drive_energy, list_drive_parameters
+from symid.dynamics.exact_algebra import ExactAlgebra, build_exact_algebra, build_exact_state, differentiate
+from symid.dynamics.recursion import build_recursion
+from symid.dynamics.regressors import Columns, Key, compute_energy_regressor
 from symid.notation import INERTIAL
-from symid.robot.description import JointKind, Robot
-
-__all__ = [
-    "ExactEnergy",
-    "derive_energy",
-    "derive_lagrange_columns",
-    "derive_momentum_columns",
-    "derive_torque_columns",
-    "evaluate_torque_columns",
-]
+from symid.robot import JointKind, Robot
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,12 +48,12 @@ def derive_energy(robot: Robot) -> ExactEnergy:
     kinetic: dict[Key, PolyElement] = {}
     potential: dict[Key, PolyElement] = {}
     for link, motion in enumerate(recursion.motions):
-        rows = find_energy_rows(algebra, motion)
+        rows = compute_energy_regressor(algebra, motion)
         for index, name in enumerate(INERTIAL):
             kinetic[link, name] = rows.kinetic[index]
             potential[link, name] = rows.potential[index]
     for key in list_drive_parameters(robot):
-        kinetic[key], potential[key] = find_drive_energy(recursion, key)
+        kinetic[key], potential[key] = compute_drive_energy(recursion, key)
     return ExactEnergy(robot=robot, algebra=algebra, kinetic=kinetic, potential=potential)
 
 
@@ -107,7 +97,7 @@ def derive_torque_columns(energy: ExactEnergy, keys: Sequence[Key]) -> Columns[P
     }
 
 
-def _gradient(polynomial: PolyElement, point: Sequence[Any]) -> dict[int, Any]:
+def _compute_gradient(polynomial: PolyElement, point: Sequence[Any]) -> dict[int, Any]:
     """Return all first derivatives by generators at a point, in one pass over the terms."""
     result: dict[int, Any] = {}
     for monomial, coefficient in polynomial.items():
@@ -121,7 +111,7 @@ def _gradient(polynomial: PolyElement, point: Sequence[Any]) -> dict[int, Any]:
     return result
 
 
-def _generator_rates(
+def _compute_generator_rates(
     energy: ExactEnergy, values: Mapping[str, Any]
 ) -> tuple[list[Any], list[Any], list[list[tuple[int, Any]]]]:
     """Return the point, the time derivative of each generator, and d(generator)/dq as sparse columns."""
@@ -160,14 +150,14 @@ def evaluate_torque_columns(
         keys: the parameters wanted.
         values: a number of the ring's field for each generator; s^2 + c^2 = 1 must hold.
     """
-    point, rates, by_coordinate = _generator_rates(energy, values)
+    point, rates, by_coordinate = _compute_generator_rates(energy, values)
     momenta = derive_momentum_columns(energy, keys)
     result: Columns[Any] = {}
     for key in keys:
-        slope = _gradient(energy.kinetic[key] - energy.potential[key], point)
+        slope = _compute_gradient(energy.kinetic[key] - energy.potential[key], point)
         entries = []
         for k, column in enumerate(by_coordinate):
-            change = _gradient(momenta[key][k], point)
+            change = _compute_gradient(momenta[key][k], point)
             entry = sum((part * rates[index] for index, part in change.items()), 0 * point[0])
             pull = (slope[index] * factor for index, factor in column if index in slope)
             entries.append(entry - sum(pull, 0 * point[0]))

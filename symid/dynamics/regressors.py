@@ -1,68 +1,123 @@
-"""Regressors: momentum, dL/dq, torque, Slotine-Li.
+"""Regressors of energy, momentum, dL/dq, torque and Slotine-Li control, in any algebra.
 
-Input: a robot, an algebra, a state, the parameters wanted as (link, name). Output: for each
-of them a column of n entries.
+Motion of a link -> its energy per standard parameter, T = hT pi and V = hV pi, in the order of
+`notation.INERTIAL`. Recursion, the parameters wanted as (link, name) -> a column over the joints for each.
 
-A wrench per unit parameter is carried from its link down the tree, the joints' screws up; the entry of a
-joint is their product. With `meet` None the wrench goes down to every joint (column recursion); where it
-names the link itself, all screws come up to it (axis projection).
+Gautier and Khalil 1988, with V_j the velocity of the frame's origin, g_j the gravity vector in the link's
+frame, and u_j = -g' P_j:
+    hT = (w1^2/2, w1 w2, w1 w3, w2^2/2, w2 w3, w3^2/2,
+          w3 V2 - w2 V3, w1 V3 - w3 V1, w2 V1 - w1 V2, V'V/2)
+    hV = (0, 0, 0, 0, 0, 0, -g1, -g2, -g3, u)
+
+For the columns a wrench per unit parameter is carried from its link down the tree, the joints' screws up;
+the entry of a joint is their product. With `meet` None the wrench goes down to every joint (column
+recursion); where it names the link itself, all screws come up to it (axis projection).
 
 Supported: the ten standard parameters of each link, rotor inertias and springs.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Generic
 
-from symid.algebra.scalar import T
-from symid.dynamics.drives import DRIVE, find_drive_column
-from symid.dynamics.kinematics import Recursion
-from symid.dynamics.screws import carry_screws, find_axis_screws, find_turned_screws
-from symid.dynamics.spins import Reference, find_spins
-from symid.dynamics.tensor_forms import find_spin_wrench
+from symid.dynamics.algebra import Algebra, T, cross, dot, sum_values
+from symid.dynamics.bodies import DRIVE_PARAMETERS, Body, compute_drive_column
+from symid.dynamics.newton_euler import Reference, compute_acceleration_tensors, compute_tensor_wrench
+from symid.dynamics.recursion import LinkMotion, Recursion
 from symid.dynamics.wrenches import (
-    Meeting,
+    ProjectionFrame,
     Wrench,
-    find_gravity_wrench,
-    find_momentum,
+    build_axis_screws,
+    compute_gravity_wrench,
+    compute_momentum,
+    compute_screw_rates,
     project_columns,
+    transform_screws,
 )
 
-__all__ = [
-    "Columns",
-    "Key",
-    "find_lagrange_columns",
-    "find_momentum_columns",
-    "find_slotine_li_columns",
-    "find_torque_columns",
-]
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkEnergyRegressor(Generic[T]):
+    """Energy per parameter of one link: ten kinetic and ten potential entries."""
+
+    kinetic: tuple[T, ...]
+    potential: tuple[T, ...]
+
+
+def compute_energy_regressor(algebra: Algebra[T], motion: LinkMotion[T]) -> LinkEnergyRegressor[T]:
+    """Return the energy regressor of one link (see the module's equation)."""
+    w1, w2, w3 = motion.angular
+    v1, v2, v3 = motion.linear
+    mul, minus, half, neg = algebra.mul, algebra.sub, algebra.half, algebra.neg
+    zero = algebra.zero
+    kinetic = (
+        half(mul(w1, w1)),
+        mul(w1, w2),
+        mul(w1, w3),
+        half(mul(w2, w2)),
+        mul(w2, w3),
+        half(mul(w3, w3)),
+        minus(mul(w3, v2), mul(w2, v3)),
+        minus(mul(w1, v3), mul(w3, v1)),
+        minus(mul(w2, v1), mul(w1, v2)),
+        half(dot(algebra, motion.linear, motion.linear)),
+    )
+    g1, g2, g3 = motion.gravity
+    potential = (zero, zero, zero, zero, zero, zero, neg(g1), neg(g2), neg(g3), motion.height)
+    return LinkEnergyRegressor(kinetic=kinetic, potential=potential)
+
+
+def compute_body_energy(algebra: Algebra[T], body: Body[T], motion: LinkMotion[T]) -> tuple[T, T]:
+    """Return kinetic and potential energy of a link (see the module's equation, its terms put together).
+
+    T = w'(I w / 2 + MS x V) + M V'V / 2;  V = -g'MS + M u.
+    """
+    tensor, moments, mass = body
+    arm = cross(algebra, moments, motion.linear)
+    share = algebra.half(algebra.mul(mass, dot(algebra, motion.linear, motion.linear)))
+    for i in range(3):
+        terms = [algebra.half(algebra.mul(tensor[i][i], motion.angular[i]))]
+        terms += [algebra.mul(tensor[i][j], motion.angular[j]) for j in range(i + 1, 3)]
+        inner = sum_values(algebra, [*terms, arm[i]])
+        share = algebra.add(share, algebra.mul(motion.angular[i], inner))
+    weight = algebra.sub(algebra.mul(mass, motion.height), dot(algebra, motion.gravity, moments))
+    return share, weight
+
 
 Key = tuple[int, str]
 Columns = dict[Key, Sequence[T]]
 
 
-def _collect(
+def _compute_columns(
     recursion: Recursion[T],
     keys: Sequence[Key],
     link_wrench: Callable[[int, str], Wrench[T]],
     drive: tuple[Sequence[T], int],
-    meet: Meeting | None,
+    meet: ProjectionFrame | None,
 ) -> Columns[T]:
-    """Return the columns of `keys`: wrenches projected on the axes; `drive` goes to `find_drive_column`."""
-    wrenches = {(link, name): link_wrench(link, name) for link, name in keys if name not in DRIVE}
-    screws = carry_screws(recursion, find_axis_screws(recursion))
+    """Return the columns of `keys`: wrenches projected on the axes; `drive` for `compute_drive_column`."""
+    wrenches = {(link, name): link_wrench(link, name) for link, name in keys if name not in DRIVE_PARAMETERS}
+    screws = transform_screws(recursion, build_axis_screws(recursion))
     columns = project_columns(recursion, wrenches, screws, meet)
-    columns |= {key: find_drive_column(recursion, key, *drive) for key in keys if key[1] in DRIVE}
+    columns |= {
+        key: compute_drive_column(recursion, key, *drive) for key in keys if key[1] in DRIVE_PARAMETERS
+    }
     return {key: columns[key] for key in keys}
 
 
-def find_torque_columns(
-    recursion: Recursion[T], keys: Sequence[Key], *, meet: Meeting | None = None
+def compute_torque_columns(
+    recursion: Recursion[T], keys: Sequence[Key], *, meet: ProjectionFrame | None = None
 ) -> Columns[T]:
     """Return the torque regressor's columns: tau = Y(q, dq, ddq) pi."""
-    return _find_spin_columns(recursion, None, keys, meet)
+    return _compute_tensor_columns(recursion, None, keys, meet)
 
 
-def find_slotine_li_columns(
-    recursion: Recursion[T], reference: Reference[T], keys: Sequence[Key], *, meet: Meeting | None = None
+def compute_slotine_li_columns(
+    recursion: Recursion[T],
+    reference: Reference[T],
+    keys: Sequence[Key],
+    *,
+    meet: ProjectionFrame | None = None,
 ) -> Columns[T]:
     """Return the columns of M ddqr + C dqr + g (Slotine and Li 1987); see `spins` for the factor C.
 
@@ -72,38 +127,38 @@ def find_slotine_li_columns(
         keys: the parameters wanted.
         meet: where columns and screws meet.
     """
-    return _find_spin_columns(recursion, reference, keys, meet)
+    return _compute_tensor_columns(recursion, reference, keys, meet)
 
 
-def _find_spin_columns(
-    recursion: Recursion[T], reference: Reference[T] | None, keys: Sequence[Key], meet: Meeting | None
+def _compute_tensor_columns(
+    recursion: Recursion[T], reference: Reference[T] | None, keys: Sequence[Key], meet: ProjectionFrame | None
 ) -> Columns[T]:
-    spins = find_spins(recursion, reference)
+    spins = compute_acceleration_tensors(recursion, reference)
     accelerations = reference[1] if reference else recursion.state.acceleration
-    return _collect(
+    return _compute_columns(
         recursion,
         keys,
-        lambda link, name: find_spin_wrench(recursion.algebra, name, spins[link]),
+        lambda link, name: compute_tensor_wrench(recursion.algebra, name, spins[link]),
         (accelerations, 1),
         meet,
     )
 
 
-def find_momentum_columns(
-    recursion: Recursion[T], keys: Sequence[Key], *, meet: Meeting | None = None
+def compute_momentum_columns(
+    recursion: Recursion[T], keys: Sequence[Key], *, meet: ProjectionFrame | None = None
 ) -> Columns[T]:
     """Return the momentum regressor's columns: dT/ddq = Yp(q, dq) pi."""
-    return _collect(
+    return _compute_columns(
         recursion,
         keys,
-        lambda link, name: find_momentum(recursion.algebra, name, recursion.motions[link]),
+        lambda link, name: compute_momentum(recursion.algebra, name, recursion.motions[link]),
         (recursion.state.velocity, 0),
         meet,
     )
 
 
-def find_lagrange_columns(
-    recursion: Recursion[T], keys: Sequence[Key], *, meet: Meeting | None = None
+def compute_lagrange_columns(
+    recursion: Recursion[T], keys: Sequence[Key], *, meet: ProjectionFrame | None = None
 ) -> Columns[T]:
     """Return the columns of dL/dq = dT/dq - dV/dq.
 
@@ -111,17 +166,17 @@ def find_lagrange_columns(
     its joint's coordinate; -dV/dq_k the weight beyond joint k projected on its axis.
     """
     algebra, motions = recursion.algebra, recursion.motions
-    links = [key for key in keys if key[1] not in DRIVE]
-    momenta = {(link, name): find_momentum(algebra, name, motions[link]) for link, name in links}
-    weights = {(link, name): find_gravity_wrench(algebra, name, motions[link]) for link, name in links}
-    turned = carry_screws(recursion, find_turned_screws(recursion))
-    axes = carry_screws(recursion, find_axis_screws(recursion))
+    links = [key for key in keys if key[1] not in DRIVE_PARAMETERS]
+    momenta = {(link, name): compute_momentum(algebra, name, motions[link]) for link, name in links}
+    weights = {(link, name): compute_gravity_wrench(algebra, name, motions[link]) for link, name in links}
+    turned = transform_screws(recursion, compute_screw_rates(recursion))
+    axes = transform_screws(recursion, build_axis_screws(recursion))
     kinetic = project_columns(recursion, momenta, turned, meet)
     potential = project_columns(recursion, weights, axes, meet)
     columns: Columns[T] = {}
     for key in keys:
-        if key[1] in DRIVE:
-            columns[key] = find_drive_column(recursion, key, None, -1)
+        if key[1] in DRIVE_PARAMETERS:
+            columns[key] = compute_drive_column(recursion, key, None, -1)
         else:
             columns[key] = [algebra.add(a, b) for a, b in zip(kinetic[key], potential[key], strict=True)]
     return columns

@@ -1,39 +1,88 @@
-"""Forces and moments per standard parameter, and their way down the tree to the joints.
+"""Screws of joints and wrenches of links: how forces per parameter reach the joints.
 
-Input: motions and accelerations of a link in its own frame. Output: `Wrench` columns, one a
-parameter, and their projection on the joint axes: columns of torque-like regressors.
+Recursion -> `Screw`, the velocity of a link per unit of a joint's rate, or the change of that velocity per
+unit of the joint's coordinate. Motion of a link -> `Wrench` per unit of one parameter, and its projection
+on the joint axes: columns of torque-like regressors.
 
-Everything a link contributes is linear in its parameters: momentum, inertial wrench, weight.
-Each is written once, for one parameter; the regressors differ only in which of them is
-carried to the base, and on what it is projected.
+Everything a link contributes is linear in its parameters: momentum, inertial wrench, weight. Each is
+written once, for one parameter; regressors differ only in which of them is carried towards the base, and on
+what it is projected. A screw goes from its joint up the tree, a wrench from its link down; where both stand
+in the same frame, their product is what the joint feels.
+
+Supported: trees of revolute and prismatic joints.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Generic
 
-from symid.algebra.scalar import Algebra, T
-from symid.algebra.vectors import Vector, add, cross, dot
-from symid.dynamics.kinematics import Frame, Motion, Recursion, lift_vector
-from symid.dynamics.screws import Screw, Screws
+from symid.dynamics.algebra import Algebra, T, Vector, add_vectors, cross, dot
+from symid.dynamics.recursion import LinkFrame, LinkMotion, Recursion, rotate_to_link, rotate_to_parent
 from symid.notation import INERTIAL
 
-__all__ = [
-    "Acceleration",
-    "Meeting",
-    "Wrench",
-    "add_wrenches",
-    "find_gravity_wrench",
-    "find_momentum",
-    "lift_wrench",
-    "pair",
-    "project_columns",
-    "project_on_axis",
-    "project_wrench",
-]
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Screw(Generic[T]):
+    """Angular part and linear part (of the frame's origin), in the axes of one frame."""
+
+    angular: Vector[T]
+    linear: Vector[T]
 
 
-Meeting = Callable[[int], int]
+Screws = Callable[[int, int], Screw[T]]
+"""The screw of a joint in the frame of a link beyond it: (joint, link) -> Screw."""
+
+
+def build_axis_screws(recursion: Recursion[T]) -> tuple[Screw[T], ...]:
+    """Return the axis of every joint in its own link's frame: (z, 0), or (0, z) if prismatic."""
+    zero = recursion.algebra.zero
+    none, axis = (zero, zero, zero), (zero, zero, recursion.algebra.one)
+    return tuple(
+        Screw(angular=axis, linear=none) if frame.revolute else Screw(angular=none, linear=axis)
+        for frame in recursion.frames
+    )
+
+
+def compute_screw_rates(recursion: Recursion[T]) -> tuple[Screw[T], ...]:
+    """Return the change of every link's velocity by its joint's coordinate, v x z.
+
+    (w x z, v x z), or (0, w x z) if prismatic.
+    """
+    algebra = recursion.algebra
+    zero = algebra.zero
+    none, axis = (zero, zero, zero), (zero, zero, algebra.one)
+    result = []
+    for frame, motion in zip(recursion.frames, recursion.motions, strict=True):
+        turned = cross(algebra, motion.angular, axis)
+        if frame.revolute:
+            result.append(Screw(angular=turned, linear=cross(algebra, motion.linear, axis)))
+        else:
+            result.append(Screw(angular=none, linear=turned))
+    return tuple(result)
+
+
+def transform_screws(recursion: Recursion[T], own: tuple[Screw[T], ...]) -> Screws[T]:
+    """Return the screws `own`, one a joint, as seen from the links beyond.
+
+    z_j = R' z_p;  v_j = R' (v_p + z_p x r).
+    """
+    algebra, robot = recursion.algebra, recursion.robot
+    found: dict[tuple[int, int], Screw[T]] = {(joint, joint): screw for joint, screw in enumerate(own)}
+
+    def find(joint: int, link: int) -> Screw[T]:
+        if (joint, link) not in found:
+            frame, before = recursion.frames[link], find(joint, robot.joints[link].parent)
+            moved = add_vectors(algebra, before.linear, cross(algebra, before.angular, frame.origin))
+            found[joint, link] = Screw(
+                angular=rotate_to_link(algebra, frame, before.angular),
+                linear=rotate_to_link(algebra, frame, moved),
+            )
+        return found[joint, link]
+
+    return find
+
+
+ProjectionFrame = Callable[[int], int]
 """In whose frame the wrenches of a link meet the screws: that of it or of a link before it; -1 for none."""
 
 
@@ -46,14 +95,14 @@ class Wrench(Generic[T]):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Acceleration(Generic[T]):
+class LinkAcceleration(Generic[T]):
     """The acceleration of a link in its own frame, of its origin, gravity subtracted: rad/s^2, m/s^2."""
 
     angular: Vector[T]
     linear: Vector[T]
 
 
-def _unit(algebra: Algebra[T], axis: int) -> Vector[T]:
+def _build_unit_vector(algebra: Algebra[T], axis: int) -> Vector[T]:
     zero, one = algebra.zero, algebra.one
     return (one if axis == 0 else zero, one if axis == 1 else zero, one if axis == 2 else zero)
 
@@ -70,7 +119,7 @@ def _apply_tensor(algebra: Algebra[T], name: str, vector: Vector[T]) -> Vector[T
     return (result[0], result[1], result[2])
 
 
-def find_momentum(algebra: Algebra[T], name: str, motion: Motion[T]) -> Wrench[T]:
+def compute_momentum(algebra: Algebra[T], name: str, motion: LinkMotion[T]) -> Wrench[T]:
     """Return linear momentum and moment of momentum per unit of one parameter.
 
     p = M v + w x MS;  L = I w + MS x v.
@@ -80,39 +129,42 @@ def find_momentum(algebra: Algebra[T], name: str, motion: Motion[T]) -> Wrench[T
         return Wrench(force=zero, moment=_apply_tensor(algebra, name, motion.angular))
     if name == "M":
         return Wrench(force=motion.linear, moment=zero)
-    axis = _unit(algebra, INERTIAL.index(name) - INERTIAL.index("MX"))
+    axis = _build_unit_vector(algebra, INERTIAL.index(name) - INERTIAL.index("MX"))
     return Wrench(force=cross(algebra, motion.angular, axis), moment=cross(algebra, axis, motion.linear))
 
 
-def find_gravity_wrench(algebra: Algebra[T], name: str, motion: Motion[T]) -> Wrench[T]:
+def compute_gravity_wrench(algebra: Algebra[T], name: str, motion: LinkMotion[T]) -> Wrench[T]:
     """Return the weight per unit of one parameter: f = M g, n = MS x g."""
     zero = (algebra.zero,) * 3
     if name in _TENSOR:
         return Wrench(force=zero, moment=zero)
     if name == "M":
         return Wrench(force=motion.gravity, moment=zero)
-    axis = _unit(algebra, INERTIAL.index(name) - INERTIAL.index("MX"))
+    axis = _build_unit_vector(algebra, INERTIAL.index(name) - INERTIAL.index("MX"))
     return Wrench(force=zero, moment=cross(algebra, axis, motion.gravity))
 
 
-def lift_wrench(algebra: Algebra[T], frame: Frame[T], wrench: Wrench[T]) -> Wrench[T]:
+def transform_wrench(algebra: Algebra[T], frame: LinkFrame[T], wrench: Wrench[T]) -> Wrench[T]:
     """Return a wrench about the link's origin in the parent's axes, about the parent's origin."""
-    force = lift_vector(algebra, frame, wrench.force)
-    moment = lift_vector(algebra, frame, wrench.moment)
-    return Wrench(force=force, moment=add(algebra, moment, cross(algebra, frame.origin, force)))
+    force = rotate_to_parent(algebra, frame, wrench.force)
+    moment = rotate_to_parent(algebra, frame, wrench.moment)
+    return Wrench(force=force, moment=add_vectors(algebra, moment, cross(algebra, frame.origin, force)))
 
 
 def add_wrenches(algebra: Algebra[T], left: Wrench[T], right: Wrench[T]) -> Wrench[T]:
     """Return left + right."""
-    return Wrench(force=add(algebra, left.force, right.force), moment=add(algebra, left.moment, right.moment))
+    return Wrench(
+        force=add_vectors(algebra, left.force, right.force),
+        moment=add_vectors(algebra, left.moment, right.moment),
+    )
 
 
-def project_on_axis(frame: Frame[T], wrench: Wrench[T]) -> T:
+def project_on_axis(frame: LinkFrame[T], wrench: Wrench[T]) -> T:
     """Return what the joint must carry: the moment about z, or the force along z if prismatic."""
     return wrench.moment[2] if frame.revolute else wrench.force[2]
 
 
-def pair(algebra: Algebra[T], screw: Screw[T], wrench: Wrench[T]) -> T:
+def compute_power(algebra: Algebra[T], screw: Screw[T], wrench: Wrench[T]) -> T:
     """Return the power of a wrench on a screw, both in the axes and about the origin of one frame."""
     turning = dot(algebra, screw.angular, wrench.moment)
     return algebra.add(turning, dot(algebra, screw.linear, wrench.force))
@@ -132,8 +184,8 @@ def project_wrench(
     frame = joint = link
     while joint >= 0:
         if frame not in (joint, stop):
-            wrench, frame = lift_wrench(algebra, recursion.frames[frame], wrench), joint
-        entries[joint] = pair(algebra, screws(joint, frame), wrench)
+            wrench, frame = transform_wrench(algebra, recursion.frames[frame], wrench), joint
+        entries[joint] = compute_power(algebra, screws(joint, frame), wrench)
         joint = robot.joints[joint].parent
     return entries
 
@@ -142,7 +194,7 @@ def project_columns(
     recursion: Recursion[T],
     columns: Mapping[tuple[int, str], Wrench[T]],
     screws: Screws[T],
-    meet: Meeting | None = None,
+    meet: ProjectionFrame | None = None,
 ) -> dict[tuple[int, str], Sequence[T]]:
     """Return, for each (link, parameter), the n joint entries of its wrench; `meet` None is the base."""
     return {

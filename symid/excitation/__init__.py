@@ -1,1 +1,38 @@
-"""Reference trajectories that make parameters visible."""
+"""Trajectories that make parameters identifiable."""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from symid.excitation.fourier import SeriesOptions as SeriesOptions
+    from symid.excitation.limits import (
+        LimitOptions as LimitOptions,
+        StateLimitOptions as StateLimitOptions,
+        WorkspaceLimits as WorkspaceLimits,
+        read_workspace as read_workspace,
+    )
+    from symid.excitation.optimise import (
+        ExcitationOptions as ExcitationOptions,
+        OptimisedExcitation as OptimisedExcitation,
+        optimise_excitation as optimise_excitation,
+    )
+    from symid.excitation.problem import Margin as Margin, ProblemOptions as ProblemOptions
+    from symid.excitation.reference_motion import (
+        ReferenceMotion as ReferenceMotion,
+        SampledMotion as SampledMotion,
+        build_motion as build_motion,
+        build_trajectory as build_trajectory,
+        write_trajectory as write_trajectory,
+    )
+    from symid.excitation.trajectories import (
+        FourierOptions as FourierOptions,
+        Trajectory as Trajectory,
+        build_random_fourier as build_random_fourier,
+        build_ta as build_ta,
+        build_tb as build_tb,
+        build_tc as build_tc,
+        scale_trajectory as scale_trajectory,
+    )
+else:
+    from symid.lazy import load_names
+
+    __getattr__, __dir__, __all__ = load_names(__name__, __file__)

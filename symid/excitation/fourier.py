@@ -1,13 +1,13 @@
 """All finite Fourier series of one robot that meet what is asked of their ends, and their states.
 
-Input: harmonics, period, demands on the start. Output: `SeriesSpace`, whose unknowns z are free numbers of
-order one; states of a series at any times, linear in z.
+Harmonics, period, demands on the start -> SeriesSpace, whose unknowns z are free numbers of order one;
+states of a series at any times, linear in z.
 
     q_j(t) = c_j + sum_k (A_jk sin k w t + B_jk cos k w t),  w = 2 pi / period,  k = 1..h
     x_j = (c_j, A_j1..A_jh, B_j1..B_jh) = offset_j + map_j z_j
 
-The columns of map_j span the series that start and end at rest (dq = ddq = 0) and, where a start is given,
-have q = 0 there; the series is periodic, so that what holds at its start holds at its end.
+The columns of map_j span the series that start and end at rest (dq = ddq = 0) and, where a start is
+given, have q = 0 there; the series is periodic, so that what holds at its start holds at its end.
 
 Supported: any number of harmonics and joints. Not supported: harmonics that differ from joint to joint.
 """
@@ -19,8 +19,6 @@ import numpy as np
 from symid.arrays import FloatArray, freeze
 from symid.errors import Notice, UsageError
 from symid.excitation.trajectories import Trajectory, build_fourier
-
-__all__ = ["SeriesOptions", "SeriesSpace", "build_space", "find_basis", "find_grid"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,7 +73,7 @@ class SeriesSpace:
         return coefficients
 
     def find_states(self, unknowns: FloatArray, basis: FloatArray) -> FloatArray:
-        """Return derivatives (orders, N, n) of the series of unknowns (n, r) on a basis of `find_basis`."""
+        """Return derivatives (orders, N, n) of the series of unknowns (n, r) on a basis of `build_basis`."""
         states: FloatArray = basis @ self.find_coefficients(unknowns).T
         return states
 
@@ -109,7 +107,7 @@ class SeriesSpace:
         )
 
 
-def find_basis(harmonics: int, period: float, times: FloatArray, orders: int) -> FloatArray:
+def build_basis(harmonics: int, period: float, times: FloatArray, orders: int) -> FloatArray:
     """Return the derivatives of order 0 to `orders` - 1 of 1, sin k w t, cos k w t: (orders, N, 2h + 1).
 
     Args:
@@ -129,13 +127,13 @@ def find_basis(harmonics: int, period: float, times: FloatArray, orders: int) ->
     return basis
 
 
-def find_grid(space: SeriesSpace, count: int, orders: int) -> FloatArray:
+def build_grid_basis(space: SeriesSpace, count: int, orders: int) -> FloatArray:
     """Return the basis (orders, count, 2h + 1) at so many equal steps of a period."""
     times: FloatArray = np.arange(count, dtype=np.float64) * (space.period / count)
-    return find_basis(space.harmonics, space.period, times, orders)
+    return build_basis(space.harmonics, space.period, times, orders)
 
 
-def build_space(options: SeriesOptions, centre: FloatArray, scales: FloatArray) -> SeriesSpace:
+def build_series_space(options: SeriesOptions, centre: FloatArray, scales: FloatArray) -> SeriesSpace:
     """Return the space of the series that meet the options.
 
     Args:
@@ -147,7 +145,7 @@ def build_space(options: SeriesOptions, centre: FloatArray, scales: FloatArray) 
         UsageError: the options leave no motion, or are out of range.
     """
     _check_options(options, len(centre))
-    demands = _find_demands(options)
+    demands = _build_end_conditions(options)
     maps, offsets = [], []
     for joint, scale in enumerate(scales):
         rows = demands * scale
@@ -169,9 +167,9 @@ def build_space(options: SeriesOptions, centre: FloatArray, scales: FloatArray) 
     )
 
 
-def _find_demands(options: SeriesOptions) -> FloatArray:
+def _build_end_conditions(options: SeriesOptions) -> FloatArray:
     """Return rows (m, 2h + 1): velocity and acceleration at the start, by w and w^2, and position."""
-    basis = find_basis(options.harmonics, 2.0 * np.pi, np.zeros(1), 3)[:, 0]
+    basis = build_basis(options.harmonics, 2.0 * np.pi, np.zeros(1), 3)[:, 0]
     kept = ([1, 2] if options.rest else []) + ([0] if options.start is not None else [])
     # Sines and cosines of multiples of a right angle are not quite what they are.
     return np.round(basis[kept], 9)

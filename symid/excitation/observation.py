@@ -1,13 +1,24 @@
-"""The observation matrix of a motion, and what its entries say about the states: exact, by CasADi.
+"""The observation matrix A of a motion and the criteria of design of it, with exact derivatives.
 
-Input: a robot. Output: `Observation`: A at the states of N samples, and sum_ij L_ij dA_ij/dstates for any L.
+Robot -> Observation: A (m, b) at the states of N samples, one row a torque, one column a parameter, and
+sum_ij L_ij dA_ij/dstates for any L. G = A'A -> condition number, information, criterion f and S = df/dG.
 
-The columns are those that identification has: base parameters, then friction parameters. The derivative is
-the reverse sweep of the generated regressor, once a sample. Friction that jumps with the sign of the velocity
-has no slope there; `smooth_friction` gives it one.
+The columns are those that identification has: base parameters, then friction parameters. The derivative
+is the reverse sweep of the generated regressor (CasADi), once a sample. Friction that jumps with the sign
+of the velocity has no slope there; `smooth_friction` gives it one.
 
-Supported: rigid and elastic robots (of the latter the links).
-Not supported: rotors of elastic joints, which another equation shows.
+With d = sqrt(diag G) and C = G / (d d'), the Gram matrix of the columns scaled to length one:
+
+    condition   cond = sqrt(lmax(C) / lmin(C))
+                smooth stand-in  f = (log sum l^p + log sum l^-p) / (2 p) >= log cond,
+                at most log(b) / p above it
+    d-optimal   f = -log det(G) / (2 b): minus the mean logarithm of a parameter's information
+
+S is symmetric, and df = sum (2 A S) dA. Criteria of designs: Swevers et al. 1997.
+
+Supported: rigid and elastic robots (of the latter the links); full column rank.
+Not supported: rotors of elastic joints, which another equation shows; matrices of less rank, whose
+criterion is infinite.
 """
 
 from dataclasses import dataclass, replace
@@ -16,9 +27,7 @@ from typing import Any, final
 import numpy as np
 
 from symid.arrays import FloatArray, freeze
-from symid.robot.description import FrictionKind, FrictionValues, Robot
-
-__all__ = ["Columns", "Observation", "bind_function", "build_columns", "smooth_friction"]
+from symid.robot import FrictionKind, FrictionValues, Robot
 
 _SMOOTHING = 0.02
 """Of the velocity limit: the speed over which friction changes its sign for the optimiser."""
@@ -42,7 +51,7 @@ def smooth_friction(robot: Robot) -> Robot:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Columns:
+class RegressorColumns:
     """Names of the parameters, and CasADi functions of one sample's states (3n).
 
     Args:
@@ -55,7 +64,7 @@ class Columns:
     slope: Any
 
 
-def build_columns(robot: Robot) -> Columns:
+def build_columns(robot: Robot) -> RegressorColumns:
     """Return the columns of a robot, its friction as it is.
 
     Raises:
@@ -63,7 +72,7 @@ def build_columns(robot: Robot) -> Columns:
     """
     import casadi as ca
 
-    from symid.codegen.casadi_functions import build_functions
+    from symid.codegen import build_functions
 
     kinds = [
         *(joint.friction.kind for joint in robot.joints),
@@ -82,7 +91,7 @@ def build_columns(robot: Robot) -> Columns:
     state, flat = ca.vertcat(*states), ca.densify(ca.vec(ca.horzcat(*blocks).T))
     factors = ca.SX.sym("L", flat.numel())
     slope = ca.densify(ca.gradient(ca.dot(factors, flat), state))
-    return Columns(
+    return RegressorColumns(
         names=names,
         matrix=ca.Function("matrix", [state], [flat]),
         slope=ca.Function("slope", [state, factors], [slope]),
@@ -108,7 +117,7 @@ class Observation:
         "weights",
     )
 
-    def __init__(self, columns: Columns, samples: int, weights: FloatArray) -> None:
+    def __init__(self, columns: RegressorColumns, samples: int, weights: FloatArray) -> None:
         """Make the memory that the functions read and write."""
         size, count = len(weights), len(columns.names)
         self.names, self.samples, self.weights = columns.names, samples, freeze(weights)
@@ -116,8 +125,8 @@ class Observation:
         self._flat = np.zeros((samples, size, count))
         self._factors = np.zeros((samples, size, count))
         self._slope = np.zeros((samples, 3 * size))
-        self._run_matrix = bind_function(columns.matrix.map(samples), (self._states,), self._flat)
-        self._run_slope = bind_function(
+        self._run_matrix = bind_in_place(columns.matrix.map(samples), (self._states,), self._flat)
+        self._run_slope = bind_in_place(
             columns.slope.map(samples), (self._states, self._factors), self._slope
         )
 
@@ -135,7 +144,7 @@ class Observation:
         return self._slope.reshape(self.samples, 3, -1).transpose(1, 0, 2).copy()
 
 
-def bind_function(function: Any, inputs: tuple[FloatArray, ...], output: FloatArray) -> Any:  # noqa: ANN401  of casadi
+def bind_in_place(function: Any, inputs: tuple[FloatArray, ...], output: FloatArray) -> Any:  # noqa: ANN401  of casadi
     """Return a call without arguments that reads `inputs` and writes `output`, all kept in place."""
     buffer, call = function.buffer()
     for place, values in enumerate(inputs):
@@ -146,3 +155,64 @@ def bind_function(function: Any, inputs: tuple[FloatArray, ...], output: FloatAr
         call()
 
     return run
+
+
+CRITERIA = ("condition", "d-optimal")
+_FLOOR = 1e-13
+"""Least eigenvalue of a scaled Gram matrix that is not rounding."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Criterion:
+    """What is minimised: one of `CRITERIA`; power p and weight of the information belong to "condition"."""
+
+    name: str = "condition"
+    power: float = 8.0
+    weight: float = 0.0
+
+
+def _scale_gram(gram: FloatArray) -> tuple[FloatArray, FloatArray]:
+    lengths = np.sqrt(np.maximum(np.diag(gram), np.finfo(np.float64).tiny))
+    return gram / np.outer(lengths, lengths), lengths
+
+
+def compute_condition(gram: FloatArray) -> float:
+    """Return the condition number of the columns scaled to length one, of G (b, b); inf for less rank."""
+    values = np.linalg.eigvalsh(_scale_gram(gram)[0])
+    if not values[0] > _FLOOR * values[-1]:
+        return float("inf")
+    return float(np.sqrt(values[-1] / values[0]))
+
+
+def compute_information(gram: FloatArray) -> float:
+    """Return log det(G) / (2 b) of G (b, b), the mean logarithm of information; -inf for less rank."""
+    sign, value = np.linalg.slogdet(gram)
+    return float(value) / (2.0 * len(gram)) if sign > 0 else -float("inf")
+
+
+def compute_criterion(gram: FloatArray, criterion: Criterion) -> tuple[float, FloatArray]:
+    """Return f and S = df/dG (b, b), symmetric, for G (b, b)."""
+    scaled, lengths = _scale_gram(gram)
+    values, vectors = np.linalg.eigh(scaled)
+    values = np.maximum(values, _FLOOR * values[-1])
+    size = 2.0 * len(gram)
+    by_lengths = np.outer(lengths, lengths)
+    information = float(np.sum(np.log(values)) + 2.0 * np.sum(np.log(lengths))) / size
+    slope = -((vectors / values) @ vectors.T) / by_lengths / size
+    if criterion.name == "d-optimal":
+        return -information, slope
+    value, partial = _compute_condition_criterion(values, vectors, criterion.power)
+    by_gram = partial / by_lengths
+    by_gram[np.diag_indices_from(by_gram)] -= (partial * scaled).sum(axis=1) / lengths**2
+    return value - criterion.weight * information, by_gram + criterion.weight * slope
+
+
+def _compute_condition_criterion(
+    values: FloatArray, vectors: FloatArray, power: float
+) -> tuple[float, FloatArray]:
+    """Return the smooth stand-in for log cond, and its derivative by C, from eigenvalues and -vectors."""
+    # Powers of ratios, so that none overflows.
+    up, down = (values / values[-1]) ** power, (values[0] / values) ** power
+    value = (np.log(values[-1] / values[0]) + (np.log(up.sum()) + np.log(down.sum())) / power) / 2.0
+    slopes = 0.5 * (up / up.sum() - down / down.sum()) / values
+    return float(value), (vectors * slopes) @ vectors.T

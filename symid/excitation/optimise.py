@@ -1,35 +1,382 @@
-"""The trajectory that tells most: many starts, Ipopt, limits checked on a fine grid.
+"""Optimal excitation: many starts, Ipopt, limits checked on a fine grid.
 
-Robot, options, random generator -> Excitation.
+Robot, ExcitationOptions, random generator -> OptimisedExcitation.
 
     random feasible series -> the best of them as starts -> Ipopt on a smooth criterion, ever nearer to the
-    condition number, on ever fewer of them -> the best, its limits checked -> Excitation
+    condition number, on ever fewer of them -> the best, its limits checked -> OptimisedExcitation
 
-Torque, torsion and space are limited at points; where they overshoot between these, they are tightened by the
-overshoot and the last run is repeated.
+Random series: centres are drawn from the middle half of the positions; sines and cosines of harmonic k
+from normal distributions whose deviation falls with 1/k. The motion of each joint is scaled about its
+centre until a limit is reached, then that of all joints together until torque, torsion and workspace are
+within theirs as well.
 
-Supported: the criteria of `criteria`. Not supported: a limit of time; runs are limited by iterations, so that
-the same seed gives the same trajectory on any machine of one kind.
+Ipopt minimises f(x) subject to lower <= g(x) <= upper with exact first derivatives of a fixed pattern and
+its own limited-memory approximation of the second ones. Of torque, torsion and workspace a descent
+watches only what is near its limit; what the result breaks is watched as well, and the descent goes on
+from there. Where these limits overshoot between their points, they are tightened by the overshoot and the
+last run is repeated.
+
+Supported: the criteria of `observation`; starts that break limits.
+Not supported: a limit of time; runs are limited by iterations, so that the same seed gives the same
+trajectory on any machine of one kind; narrow workspaces, which a random pose hardly ever meets (give a
+start there).
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Any, final
 
 import numpy as np
 
-from symid.arrays import FloatArray
+from symid.arrays import FloatArray, freeze
+from symid.callbacks import build_callback
 from symid.errors import IdentifiabilityError, Notice, SolverError, UsageError
-from symid.excitation.candidates import Candidates, find_candidates
-from symid.excitation.criteria import CRITERIA, Criterion
-from symid.excitation.descent import find_descent
-from symid.excitation.figures import Judge
-from symid.excitation.ipopt import IpoptOptions
-from symid.excitation.margins import Margin, find_margins, find_overshoot
-from symid.excitation.problem import ExcitationProblem, ProblemOptions, build_problem
+from symid.excitation.limits import compute_coefficient_scales
+from symid.excitation.observation import CRITERIA, Criterion
+from symid.excitation.problem import (
+    ExcitationProblem,
+    FineObservation,
+    Margin,
+    Mask,
+    ProblemOptions,
+    build_problem,
+    compute_margins,
+    compute_overshoot,
+)
 from symid.excitation.trajectories import Trajectory
-from symid.robot.description import Robot
+from symid.robot import Robot
 
-__all__ = ["Excitation", "ExcitationOptions", "Run", "optimise_excitation"]
+_TRIES = 20
+"""Draws per candidate before the search is given up."""
+_HALVINGS = 8
+"""Of the interval in which the largest common scale lies."""
+_SMALLEST = 0.05
+"""A common scale below this leaves no motion to speak of."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Candidates:
+    """Unknowns (N, n r) and condition numbers (N,), sorted by the latter; `drawn`: how many were tried."""
+
+    unknowns: FloatArray
+    conditions: FloatArray
+    drawn: int
+
+    def __post_init__(self) -> None:
+        """Copy the arrays and make them read-only."""
+        for name in ("unknowns", "conditions"):
+            object.__setattr__(self, name, freeze(getattr(self, name)))
+
+
+def draw_candidates(problem: ExcitationProblem, count: int, rng: np.random.Generator) -> Candidates:
+    """Return `count` random feasible series.
+
+    Raises:
+        SolverError: nearly no random pose keeps the limits of torque, torsion and space.
+    """
+    found: list[FloatArray] = []
+    conditions: list[float] = []
+    drawn = 0
+    worst = np.zeros(len(problem.state_limits.names))
+    while len(found) < count:
+        if drawn >= _TRIES * max(count, 50):
+            raise SolverError(_describe_narrow(problem, worst, drawn))
+        drawn += 1
+        unknowns, excess = _draw_candidate(problem, rng)
+        if unknowns is None:
+            worst += excess > 0.0
+            continue
+        found.append(unknowns)
+        conditions.append(problem.find_condition(unknowns))
+    order = np.argsort(conditions, kind="stable")
+    return Candidates(unknowns=np.array(found)[order], conditions=np.array(conditions)[order], drawn=drawn)
+
+
+def _draw_candidate(
+    problem: ExcitationProblem, rng: np.random.Generator
+) -> tuple[FloatArray | None, FloatArray]:
+    """Return a feasible series, None if the draw has none, and the excesses at its centre."""
+    space, limits = problem.space, problem.limits
+    scales = compute_coefficient_scales(limits, space.harmonics, space.period)
+    middle = space.offset.copy()
+    middle[:, 0] += 0.5 * limits.share * limits.half * rng.uniform(-1.0, 1.0, size=space.size)
+    falling = np.tile(1.0 / np.arange(1, space.harmonics + 1), 2)
+    wave = np.zeros_like(middle)
+    wave[:, 1:] = rng.normal(size=(space.size, 2 * space.harmonics)) * falling * scales[:, 1:]
+    rest = space.find_unknowns(middle).ravel()
+    motion = space.find_unknowns(space.offset + wave).ravel()
+    excess = problem.find_state_excess(rest)
+    if np.any(excess > 0.0) or not _is_within(problem, rest):
+        return None, excess
+    motion *= np.repeat(_compute_largest_scales(problem, rest, motion), space.shape[1])
+    share = _search_common_scale(problem, rest, motion)
+    return (rest + share * motion if share > _SMALLEST else None), excess
+
+
+def _is_within(problem: ExcitationProblem, unknowns: FloatArray) -> bool:
+    return bool(np.all(np.abs(problem.rows @ unknowns + problem.constants) <= 1.0))
+
+
+def _compute_largest_scales(problem: ExcitationProblem, rest: FloatArray, motion: FloatArray) -> FloatArray:
+    """Return for each joint (n,) the largest factor of its motion that keeps the linear limits."""
+    here, ahead = problem.rows @ rest + problem.constants, problem.rows @ motion
+    tiny = np.finfo(np.float64).tiny
+    room = np.where(
+        ahead > 0.0, (1.0 - here) / np.maximum(ahead, tiny), (1.0 + here) / np.maximum(-ahead, tiny)
+    )
+    owner = np.argmax(problem.rows.reshape(len(room), problem.space.size, -1).any(axis=2), axis=1)
+    factors = np.full(problem.space.size, np.inf)
+    np.minimum.at(factors, owner, room)
+    # A joint without any motion has no limit to reach.
+    return np.where(factors < 1e6, 0.9999 * factors, 0.0)
+
+
+def _search_common_scale(problem: ExcitationProblem, rest: FloatArray, motion: FloatArray) -> float:
+    """Return the largest factor found by bisection for which torque, torsion and space are within limits."""
+
+    def is_within(factor: float) -> bool:
+        return not np.any(problem.find_state_excess(rest + factor * motion) > 0.0)
+
+    if is_within(1.0):
+        return 1.0
+    low, high = 0.0, 1.0
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if is_within(middle) else (low, middle)
+    return low
+
+
+def _describe_narrow(problem: ExcitationProblem, worst: FloatArray, drawn: int) -> Notice:
+    names = problem.state_limits
+    place = int(np.argmax(worst)) if len(worst) else 0
+    what = f"; most often broken: {names.kinds[place]} of {names.names[place]}" if len(worst) else ""
+    text = (
+        f"of {drawn} random poses nearly none keeps all limits{what}; widen them, or give a start pose that "
+        "keeps them"
+    )
+    return Notice(code="excitation.narrow", text=text)
+
+
+_LINEAR_SOLVER = "mumps"
+"""The one that the wheel of CasADi carries and that works; others end at once or crash."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IpoptOptions:
+    """How long and how exactly: iterations, tolerance, first barrier parameter, pairs kept of the Hessian."""
+
+    iterations: int = 200
+    tolerance: float = 1e-4
+    barrier: float = 1e-2
+    memory: int = 6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SmoothProblem:
+    """Functions of the unknowns (n,).
+
+    Args:
+        value: f. gradient: (n,). constraints: g (m,). jacobian: (m, n), zero outside `pattern`.
+        pattern: (m, n), true where the Jacobian may differ from zero.
+        lower, upper: (m,), infinite for none.
+    """
+
+    value: Callable[[FloatArray], float]
+    gradient: Callable[[FloatArray], FloatArray]
+    constraints: Callable[[FloatArray], FloatArray]
+    jacobian: Callable[[FloatArray], FloatArray]
+    pattern: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+    lower: FloatArray
+    upper: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class IpoptResult:
+    """Where a run ended: unknowns (n,), Ipopt's own return status, iterations."""
+
+    unknowns: FloatArray
+    status: str
+    iterations: int
+
+    @property
+    def converged(self) -> bool:
+        """Return whether the tolerances are met."""
+        return self.status in {"Solve_Succeeded", "Solved_To_Acceptable_Level"}
+
+
+def run_ipopt(problem: SmoothProblem, start: FloatArray, options: IpoptOptions | None = None) -> IpoptResult:
+    """Return where Ipopt ends from `start` (n,)."""
+    import casadi
+
+    options = options or IpoptOptions()
+    size = len(start)
+    unknowns = casadi.MX.sym("x", size)
+    value, constraints, gradient, jacobian = _build_casadi_functions(problem, size)
+    settings = {
+        "grad_f": gradient,
+        "jac_g": jacobian,
+        "no_nlp_grad": True,
+        "print_time": False,
+        "error_on_fail": False,
+        "ipopt": {
+            "print_level": 0,
+            "sb": "yes",
+            "linear_solver": _LINEAR_SOLVER,
+            "hessian_approximation": "limited-memory",
+            "limited_memory_max_history": options.memory,
+            "nlp_scaling_method": "none",
+            "bound_relax_factor": 0.0,
+            "tol": options.tolerance,
+            "max_iter": options.iterations,
+            "mu_strategy": "monotone",
+            "mu_init": options.barrier,
+        },
+    }
+    expressions = {"x": unknowns, "f": value(unknowns), "g": constraints(unknowns)}
+    solver = casadi.nlpsol("excitation", "ipopt", expressions, settings)
+    answer = solver(x0=start, lbg=problem.lower, ubg=problem.upper)
+    statistics = solver.stats()
+    return IpoptResult(
+        unknowns=np.asarray(answer["x"], dtype=np.float64).ravel(),
+        status=str(statistics["return_status"]),
+        iterations=int(statistics["iter_count"]),
+    )
+
+
+def _build_casadi_functions(problem: SmoothProblem, size: int) -> tuple[Any, Any, Any, Any]:
+    """Return f, g, grad_f and jac_g as CasADi wants them; they must live as long as the solver."""
+    import casadi
+
+    dense = casadi.Sparsity.dense
+    # CasADi stores columns one after the other.
+    columns, rows = np.nonzero(problem.pattern.T)
+    count = len(problem.lower)
+    pattern = casadi.Sparsity.triplet(count, size, rows.tolist(), columns.tolist())
+    x, one, none, many = dense(size, 1), dense(1, 1), dense(0, 0), dense(count, 1)
+
+    def read(argument: Any) -> FloatArray:  # noqa: ANN401  of casadi
+        return np.array(argument, dtype=np.float64).ravel()
+
+    def find_jacobian(arguments: Sequence[Any]) -> list[Any]:
+        unknowns = read(arguments[0])
+        entries = problem.jacobian(unknowns)[rows, columns]
+        return [casadi.DM(problem.constraints(unknowns)), casadi.DM(pattern, entries)]
+
+    def find_gradient(arguments: Sequence[Any]) -> list[Any]:
+        unknowns = read(arguments[0])
+        return [problem.value(unknowns), casadi.DM(problem.gradient(unknowns))]
+
+    return (
+        build_callback("value", (("x", x),), (("f", one),), lambda a: [problem.value(read(a[0]))]),
+        build_callback(
+            "constraints", (("x", x),), (("g", many),), lambda a: [casadi.DM(problem.constraints(read(a[0])))]
+        ),
+        build_callback("gradient", (("x", x), ("p", none)), (("f", one), ("grad_f_x", x)), find_gradient),
+        build_callback(
+            "jacobian", (("x", x), ("p", none)), (("g", many), ("jac_g_x", pattern)), find_jacobian
+        ),
+    )
+
+
+_NEAR = 0.75
+"""Part of a limit from which on it is watched."""
+_ROUNDS = 5
+"""Of watching more; in the last one everything is watched."""
+_SLACK = 1e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Descent:
+    """Where a descent ended: unknowns (n r,), criterion, Ipopt's iterations and status, limits kept?"""
+
+    unknowns: FloatArray
+    value: float
+    iterations: int
+    status: str
+    feasible: bool
+
+
+def run_descent(
+    problem: ExcitationProblem,
+    start: FloatArray,
+    criterion: Criterion,
+    options: IpoptOptions,
+    tightening: FloatArray,
+) -> Descent:
+    """Return the descent from `start` (n r,).
+
+    Args:
+        problem: functions and limits.
+        start: where to begin.
+        criterion: what is minimised.
+        options: of each run of Ipopt.
+        tightening: (v,) taken off the limits of torque, torsion and space.
+    """
+    evaluator = _CachedCriterion(problem, criterion)
+    state_limits = 1.0 - tightening
+    unknowns, iterations, status = start, 0, ""
+    watched = np.zeros((problem.points, len(tightening)), dtype=bool)
+    if len(tightening):
+        watched = problem.find_state_use(start) > _NEAR * state_limits
+    for round_ in range(_ROUNDS):
+        ending = run_ipopt(_build_smooth_problem(problem, evaluator, tightening, watched), unknowns, options)
+        iterations, status = iterations + ending.iterations, ending.status
+        if not np.all(np.isfinite(ending.unknowns)):
+            break
+        unknowns = ending.unknowns
+        if not len(tightening):
+            break
+        use = problem.find_state_use(unknowns)
+        if not np.any((use > state_limits + _SLACK) & ~watched):
+            break
+        watched |= (use > _NEAR * state_limits) | (round_ == _ROUNDS - 2)
+    was, here = evaluator.evaluate(start)[0], evaluator.evaluate(unknowns)[0]
+    before, after = (_is_feasible(problem, z, state_limits) for z in (start, unknowns))
+    better = (after and not before) or (after == before and here < was)
+    return Descent(
+        unknowns=unknowns if better else start,
+        value=here if better else was,
+        iterations=iterations,
+        status=status,
+        feasible=after if better else before,
+    )
+
+
+@final
+class _CachedCriterion:
+    """Value and gradient; the last point is kept, as the solver asks for it twice."""
+
+    def __init__(self, problem: ExcitationProblem, criterion: Criterion) -> None:
+        self.problem, self.criterion = problem, criterion
+        self.key, self.kept = b"", (0.0, np.zeros(0))
+
+    def evaluate(self, z: FloatArray) -> tuple[float, FloatArray]:
+        if z.tobytes() != self.key:
+            self.kept, self.key = self.problem.find_value(z, self.criterion), z.tobytes()
+        return self.kept
+
+
+def _build_smooth_problem(
+    problem: ExcitationProblem, evaluator: _CachedCriterion, tightening: FloatArray, watched: Mask
+) -> SmoothProblem:
+    lower, upper = problem.find_bounds(tightening, watched)
+    return SmoothProblem(
+        value=lambda z: evaluator.evaluate(z)[0],
+        gradient=lambda z: evaluator.evaluate(z)[1],
+        constraints=lambda z: problem.find_constraints(z, watched),
+        jacobian=lambda z: problem.find_jacobian(z, watched),
+        pattern=problem.find_pattern(watched),
+        lower=lower,
+        upper=upper,
+    )
+
+
+def _is_feasible(problem: ExcitationProblem, z: FloatArray, state_limits: FloatArray) -> bool:
+    linear = np.abs(problem.rows @ z + problem.constants)
+    if np.any(linear > 1.0 + _SLACK):
+        return False
+    return not len(state_limits) or not np.any(problem.find_state_use(z) > state_limits + _SLACK)
+
 
 _JUDGED = 20
 """Random series, the best by the figures of the search, whose own figures are found."""
@@ -59,7 +406,7 @@ class ExcitationOptions:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Run:
+class OptimisationRun:
     """Where a start led: unknowns (n r,), criterion, condition numbers before and here, Ipopt's status."""
 
     unknowns: FloatArray
@@ -71,7 +418,7 @@ class Run:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Excitation:
+class OptimisedExcitation:
     """A trajectory and what speaks for it.
 
     Args:
@@ -92,7 +439,7 @@ class Excitation:
     random_condition: float
     random_median: float
     random_information: float
-    runs: tuple[Run, ...]
+    runs: tuple[OptimisationRun, ...]
     margins: tuple[Margin, ...]
     notices: tuple[Notice, ...]
 
@@ -103,7 +450,7 @@ class Excitation:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Stage:
+class _SearchStage:
     """One round: what is minimised, how many are kept for it, how Ipopt runs, on the coarse grid or not."""
 
     criterion: Criterion
@@ -118,7 +465,7 @@ def optimise_excitation(
     *,
     rng: np.random.Generator,
     progress: Callable[[str], None] | None = None,
-) -> Excitation:
+) -> OptimisedExcitation:
     """Return the best trajectory found.
 
     Args:
@@ -139,20 +486,20 @@ def optimise_excitation(
     tell(f"deriving the regressor of {robot.name}")
     problem = build_problem(robot, options.problem)
     tell(f"drawing {options.candidates} random trajectories within the limits")
-    candidates = find_candidates(problem, options.candidates, rng)
+    candidates = draw_candidates(problem, options.candidates, rng)
     if not np.isfinite(candidates.conditions[0]):
         raise IdentifiabilityError(_describe_rank(problem, candidates))
     names = tuple(joint.name for joint in robot.axes)
     runs = _search(problem, candidates, options, tell)
-    unknowns, margins = _secure(problem, names, runs[0], options)
-    judge = Judge(robot, problem)
+    unknowns, margins = _enforce_limits(problem, names, runs[0], options)
+    judge = FineObservation(robot, problem)
     condition, information = judge.find_figures(unknowns)
     series = options.problem.series
     source = (
         f"optimised finite Fourier series ({options.criterion}), {series.harmonics} harmonics of "
         f"{1.0 / series.period:g} Hz"
     )
-    return Excitation(
+    return OptimisedExcitation(
         trajectory=problem.space.build_trajectory(unknowns.reshape(problem.space.shape), source),
         coefficients=problem.space.find_coefficients(unknowns.reshape(problem.space.shape)),
         condition=condition,
@@ -160,14 +507,16 @@ def optimise_excitation(
         parameters=problem.observation.names,
         random_condition=min(judge.find_figures(z)[0] for z in candidates.unknowns[:_JUDGED]),
         random_median=judge.find_figures(candidates.unknowns[len(candidates.unknowns) // 2])[0],
-        random_information=_find_most(problem, judge, candidates),
+        random_information=_compute_most_information(problem, judge, candidates),
         runs=tuple(runs),
         margins=margins,
         notices=_list_notices(problem),
     )
 
 
-def _find_most(problem: ExcitationProblem, judge: Judge, candidates: Candidates) -> float:
+def _compute_most_information(
+    problem: ExcitationProblem, judge: FineObservation, candidates: Candidates
+) -> float:
     """Return the most information of a random series."""
     found = [problem.find_information(z) for z in candidates.unknowns]
     best = np.argsort(found, kind="stable")[-_JUDGED:]
@@ -194,7 +543,7 @@ def _check_options(options: ExcitationOptions) -> None:
         raise UsageError(*(Notice(code="usage.excitation", text=text) for text in problems))
 
 
-def _list_stages(options: ExcitationOptions) -> tuple[_Stage, ...]:
+def _list_search_stages(options: ExcitationOptions) -> tuple[_SearchStage, ...]:
     def run(barrier: float, iterations: int) -> IpoptOptions:
         return IpoptOptions(iterations=iterations, barrier=barrier)
 
@@ -203,19 +552,19 @@ def _list_stages(options: ExcitationOptions) -> tuple[_Stage, ...]:
     if options.criterion == "d-optimal":
         design = Criterion(name="d-optimal")
         return (
-            _Stage(criterion=design, kept=many, ipopt=run(1e-2, short), coarse=True),
-            _Stage(criterion=design, kept=few, ipopt=run(1e-3, 2 * full)),
-            _Stage(criterion=design, kept=1, ipopt=run(1e-5, 2 * full)),
+            _SearchStage(criterion=design, kept=many, ipopt=run(1e-2, short), coarse=True),
+            _SearchStage(criterion=design, kept=few, ipopt=run(1e-3, 2 * full)),
+            _SearchStage(criterion=design, kept=1, ipopt=run(1e-5, 2 * full)),
         )
     return (
-        _Stage(
+        _SearchStage(
             criterion=Criterion(power=4.0, weight=options.weight),
             kept=many,
             ipopt=run(1e-2, short),
             coarse=True,
         ),
-        _Stage(criterion=Criterion(power=16.0, weight=options.weight), kept=few, ipopt=run(1e-3, full)),
-        _Stage(
+        _SearchStage(criterion=Criterion(power=16.0, weight=options.weight), kept=few, ipopt=run(1e-3, full)),
+        _SearchStage(
             criterion=Criterion(power=40.0, weight=options.weight), kept=min(2, few), ipopt=run(1e-4, full)
         ),
     )
@@ -226,26 +575,28 @@ def _search(
     candidates: Candidates,
     options: ExcitationOptions,
     tell: Callable[[str], None],
-) -> list[Run]:
+) -> list[OptimisationRun]:
     """Return a run of each start, the best first."""
     runs = [
-        Run(unknowns=z, value=np.inf, start=float(c), condition=float(c), iterations=0, status="")
+        OptimisationRun(unknowns=z, value=np.inf, start=float(c), condition=float(c), iterations=0, status="")
         for z, c in zip(candidates.unknowns, candidates.conditions, strict=True)
     ][: options.starts]
     tightening = np.zeros(len(problem.state_limits.names))
     coarse = problem.build_coarse()
-    for number, stage in enumerate(_list_stages(options), 1):
-        tell(f"round {number}: {stage.kept} trajectories, {_name(stage.criterion)}")
+    for number, stage in enumerate(_list_search_stages(options), 1):
+        tell(f"round {number}: {stage.kept} trajectories, {_describe_criterion(stage.criterion)}")
         form = coarse if stage.coarse else problem
-        taken = [_advance(form, run, stage, tightening) for run in runs[: stage.kept]]
-        runs = sorted((*taken, *runs[stage.kept :]), key=lambda run: _rank(run, options))
+        taken = [_advance_run(form, run, stage, tightening) for run in runs[: stage.kept]]
+        runs = sorted((*taken, *runs[stage.kept :]), key=lambda run: _get_objective(run, options))
         tell(f"  condition number {min(run.condition for run in runs):.4g}")
     return runs
 
 
-def _advance(problem: ExcitationProblem, run: Run, stage: _Stage, tightening: FloatArray) -> Run:
-    descent = find_descent(problem, run.unknowns, stage.criterion, stage.ipopt, tightening)
-    return Run(
+def _advance_run(
+    problem: ExcitationProblem, run: OptimisationRun, stage: _SearchStage, tightening: FloatArray
+) -> OptimisationRun:
+    descent = run_descent(problem, run.unknowns, stage.criterion, stage.ipopt, tightening)
+    return OptimisationRun(
         unknowns=descent.unknowns,
         value=descent.value,
         start=run.start,
@@ -255,32 +606,32 @@ def _advance(problem: ExcitationProblem, run: Run, stage: _Stage, tightening: Fl
     )
 
 
-def _name(criterion: Criterion) -> str:
+def _describe_criterion(criterion: Criterion) -> str:
     return (
         "d-optimal" if criterion.name == "d-optimal" else f"condition number with power {criterion.power:g}"
     )
 
 
-def _rank(run: Run, options: ExcitationOptions) -> float:
+def _get_objective(run: OptimisationRun, options: ExcitationOptions) -> float:
     return run.value if options.criterion == "d-optimal" else run.condition
 
 
-def _secure(
+def _enforce_limits(
     problem: ExcitationProblem,
     names: tuple[str, ...],
-    run: Run,
+    run: OptimisationRun,
     options: ExcitationOptions,
 ) -> tuple[FloatArray, tuple[Margin, ...]]:
     """Return unknowns whose limits hold on the fine grid, and these limits."""
-    stage = _list_stages(options)[-1]
+    stage = _list_search_stages(options)[-1]
     tightening = np.zeros(len(problem.state_limits.names))
     for _ in range(_REPAIRS):
-        margins = find_margins(problem, names, run.unknowns)
+        margins = compute_margins(problem, names, run.unknowns)
         if all(margin.kept for margin in margins):
             return run.unknowns, margins
-        beyond = find_overshoot(problem, run.unknowns)
+        beyond = compute_overshoot(problem, run.unknowns)
         tightening += 1.2 * np.maximum(beyond, 0.0)
-        run = _advance(problem, run, stage, tightening)
+        run = _advance_run(problem, run, stage, tightening)
     broken = ", ".join(f"{margin.kind} of {margin.name}" for margin in margins if not margin.kept)
     text = f"limits hold at the points of the search and not between them ({broken}); use fewer harmonics"
     raise SolverError(Notice(code="excitation.between", text=text))

@@ -1,17 +1,24 @@
-"""The problem of an exciting trajectory: what is minimised, under which limits, with exact derivatives.
+"""The problem of an exciting trajectory: what is minimised, under which limits, and how near a motion comes.
 
-Input: a robot, options. Output: `ExcitationProblem`, functions of the unknowns z of a `SeriesSpace`.
+Robot, ProblemOptions -> ExcitationProblem, functions of the unknowns z of a `SeriesSpace` with exact
+first derivatives. Unknowns -> one Margin a limit and the stated figures, both on a grid far finer than
+that of the search.
 
     minimise f(G(z)),  G = A'A / N   over N equal steps of the period
-    subject to  -1 <= R z + c <= 1   (position, velocity, acceleration, jerk; `limits`)
-                v(states(z)) <= 1 - tightening   (torque, torsion, space; `loads`)
+    subject to  -1 <= R z + c <= 1   (position, velocity, acceleration, jerk)
+                v(states(z)) <= 1 - tightening   (torque, torsion, workspace)
 
 A has sines and cosines of several times the highest harmonic: with 20 samples per harmonic, sums over the
-samples agree with integrals over the period to 1e-6.
+samples agree with integrals over the period to 1e-6. The search looks at a coarse grid and at friction
+with a slope; its figures compare series. Those that are stated come from the fine grid, with friction as
+in the robot file.
 
-Supported: what `limits` and `loads` support. Not supported: second derivatives.
+Supported: what `limits` supports.
+Not supported: second derivatives; what a controller adds to the motion.
 """
 
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import final
 
@@ -19,22 +26,30 @@ import numpy as np
 
 from symid.arrays import FloatArray
 from symid.errors import Notice, UsageError
-from symid.excitation.criteria import Criterion, find_condition, find_criterion, find_information
-from symid.excitation.fourier import SeriesOptions, SeriesSpace, build_space, find_grid
+from symid.excitation.fourier import SeriesOptions, SeriesSpace, build_grid_basis, build_series_space
 from symid.excitation.limits import (
     LimitOptions,
     MotionLimits,
+    StateLimitOptions,
+    StateLimits,
+    StateValues,
     build_limit_rows,
-    find_motion_limits,
-    find_scales,
+    build_state_limits,
+    compute_coefficient_scales,
+    get_motion_limits,
 )
-from symid.excitation.loads import LoadOptions, StateLimits, StateValues, build_state_limits
-from symid.excitation.observation import Observation, build_columns, smooth_friction
-from symid.robot.description import Robot
+from symid.excitation.observation import (
+    Criterion,
+    Observation,
+    build_columns,
+    compute_condition,
+    compute_criterion,
+    compute_information,
+    smooth_friction,
+)
+from symid.robot import Robot
 
-__all__ = ["ExcitationProblem", "Mask", "ProblemOptions", "build_problem"]
-
-_SAMPLES = 20
+_GRAM_SAMPLES = 20
 """Samples of the observation matrix per harmonic."""
 _FINE, _COARSE = 20, 8
 """Grid points per harmonic: limits of motion lose 1.2 and 7.6 % between them."""
@@ -50,7 +65,7 @@ class ProblemOptions:
 
     series: SeriesOptions = field(default_factory=SeriesOptions)
     limits: LimitOptions = field(default_factory=LimitOptions)
-    loads: LoadOptions = field(default_factory=LoadOptions)
+    loads: StateLimitOptions = field(default_factory=StateLimitOptions)
     deviations: tuple[float, ...] | None = None
 
 
@@ -69,9 +84,9 @@ class ExcitationProblem:
         """Lay out samples, rows and memory; limits are looked at `density` times per harmonic."""
         self.space, self.limits, self.observation = space, limits, observation
         self.state_limits = state_limits
-        self.basis = find_grid(space, observation.samples, 3)
+        self.basis = build_grid_basis(space, observation.samples, 3)
         checks = density * space.harmonics
-        self._check_basis = find_grid(space, checks, 3)
+        self._check_basis = build_grid_basis(space, checks, 3)
         self._values = StateValues(state_limits, checks, space.size)
         found = build_limit_rows(space, limits, density)
         joints, unknowns = space.shape
@@ -100,17 +115,17 @@ class ExcitationProblem:
 
     def find_condition(self, unknowns: FloatArray) -> float:
         """Return the condition number of the columns scaled to length one."""
-        return find_condition(self.find_gram(unknowns))
+        return compute_condition(self.find_gram(unknowns))
 
     def find_information(self, unknowns: FloatArray) -> float:
         """Return the mean logarithm of a parameter's information."""
-        return find_information(self.find_gram(unknowns))
+        return compute_information(self.find_gram(unknowns))
 
     def find_value(self, unknowns: FloatArray, criterion: Criterion) -> tuple[float, FloatArray]:
         """Return f and its gradient (n r,)."""
         matrix = self.observation.find_matrix(self._find_states(unknowns, self.basis))
         samples = self.observation.samples
-        value, slope = find_criterion(matrix.T @ matrix / samples, criterion)
+        value, slope = compute_criterion(matrix.T @ matrix / samples, criterion)
         # The states stand in the observation already; the sweep needs the factors alone.
         by_state = self.observation.find_slope((2.0 / samples) * matrix @ slope)
         return value, self._pull(by_state, self.basis)
@@ -182,17 +197,19 @@ def build_problem(robot: Robot, options: ProblemOptions | None = None) -> Excita
         RobotError: a length, or a value that a limit needs, is not stated.
     """
     options = options or ProblemOptions()
-    weights = _find_weights(robot, options.deviations)
-    limits = find_motion_limits(robot, options.limits)
+    weights = _compute_row_weights(robot, options.deviations)
+    limits = get_motion_limits(robot, options.limits)
     series = options.series
     _check_start(series, limits)
-    scales = find_scales(limits, series.harmonics, series.period)
-    space = build_space(series, limits.centre, scales)
-    observation = Observation(build_columns(smooth_friction(robot)), _SAMPLES * series.harmonics, weights)
+    scales = compute_coefficient_scales(limits, series.harmonics, series.period)
+    space = build_series_space(series, limits.centre, scales)
+    observation = Observation(
+        build_columns(smooth_friction(robot)), _GRAM_SAMPLES * series.harmonics, weights
+    )
     return ExcitationProblem(space, limits, observation, build_state_limits(robot, limits, options.loads))
 
 
-def _find_weights(robot: Robot, deviations: tuple[float, ...] | None) -> FloatArray:
+def _compute_row_weights(robot: Robot, deviations: tuple[float, ...] | None) -> FloatArray:
     if deviations is None:
         return np.ones(robot.freedom)
     if len(deviations) != robot.freedom or not all(0.0 < value < np.inf for value in deviations):
@@ -209,3 +226,122 @@ def _check_start(series: SeriesOptions, limits: MotionLimits) -> None:
         which = ", ".join(str(place + 1) for place in np.flatnonzero(outside))
         text = f"the start is outside the limits of joint {which}, of which {limits.share:.0%} are used"
         raise UsageError(Notice(code="usage.excitation", text=text))
+
+
+_POINTS = 400
+"""Points per harmonic."""
+_ROUNDING = 1e-6
+SPACE = "space"
+_CLEARANCES: Mapping[str, Callable[[float, float], float]] = {
+    "out": lambda value, radius: (math.sqrt(2.0 - value) - 1.0) * radius,
+    "in": lambda value, radius: (1.0 - math.sqrt(value)) * radius,
+    "plane": lambda value, _: 1.0 - value,
+}
+_ORDERS = ("position", "velocity", "acceleration", "jerk")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Margin:
+    """One limit: of what, of which joint or place, largest value, limit (SI), and the share that is granted.
+
+    Of positions the value is the distance from the middle of the range; of space it is the clearance that is
+    left, m, whose limit is zero.
+    """
+
+    kind: str
+    name: str
+    value: float
+    limit: float
+    allowed: float
+
+    @property
+    def share(self) -> float | None:
+        """Return the part of the limit that is used; None for space."""
+        return None if self.kind == SPACE else self.value / self.limit
+
+    @property
+    def excess(self) -> float:
+        """Return by what part of the limit, or by how many metres, more is used than was granted."""
+        return -self.value if self.share is None else self.share / self.allowed - 1.0
+
+    @property
+    def kept(self) -> bool:
+        """Return whether no more is used than was granted, up to the rounding of a solver."""
+        return self.excess <= _ROUNDING
+
+
+def compute_margins(
+    problem: ExcitationProblem, names: tuple[str, ...], unknowns: FloatArray
+) -> tuple[Margin, ...]:
+    """Return all limits, joints in the order of `names`, at unknowns (n r,)."""
+    limits, states = problem.limits, _compute_fine_states(problem, unknowns)
+    gaps = np.abs(states - np.array([limits.centre, *np.zeros((3, len(names)))])[:, None, :])
+    peaks = gaps.max(axis=1)
+    motion = [
+        Margin(kind=kind, name=name, value=float(peak), limit=float(bound), allowed=limits.share)
+        for kind, row, bounds in zip(_ORDERS, peaks, limits.bounds, strict=True)
+        for name, peak, bound in zip(names, row, bounds, strict=True)
+        if math.isfinite(bound)
+    ]
+    return (*motion, *_compute_state_margins(problem, _compute_peaks(problem, states)))
+
+
+def compute_overshoot(problem: ExcitationProblem, unknowns: FloatArray) -> FloatArray:
+    """Return by how much each v (v,) of torque, torsion and space exceeds one; negative within."""
+    overshoot: FloatArray = _compute_peaks(problem, _compute_fine_states(problem, unknowns)) - 1.0
+    return overshoot
+
+
+def _compute_fine_states(problem: ExcitationProblem, unknowns: FloatArray) -> FloatArray:
+    space = problem.space
+    basis = build_grid_basis(space, _POINTS * space.harmonics, 4)
+    return space.find_states(unknowns.reshape(space.shape), basis)
+
+
+def _compute_peaks(problem: ExcitationProblem, states: FloatArray) -> FloatArray:
+    """Return the largest v (v,) over the states (4, N, n)."""
+    found = problem.state_limits
+    if not found.names:
+        return np.zeros(0)
+    values = StateValues(found, states.shape[1], problem.space.size).find_values(states[:3])
+    peaks: FloatArray = np.where(found.both, np.abs(values), values).max(axis=0)
+    return peaks
+
+
+def _compute_state_margins(problem: ExcitationProblem, peaks: FloatArray) -> list[Margin]:
+    found, share = problem.state_limits, problem.limits.share
+    margins = []
+    for name, kind, limit, peak in zip(found.names, found.kinds, found.limits, peaks.tolist(), strict=True):
+        if kind in _CLEARANCES:
+            left = _CLEARANCES[kind](peak, limit)
+            margins.append(Margin(kind=SPACE, name=name, value=left, limit=0.0, allowed=1.0))
+        else:
+            margins.append(
+                Margin(kind=kind, name=name, value=peak * limit, limit=limit / share, allowed=share)
+            )
+    return margins
+
+
+_FIGURE_SAMPLES = 400
+"""Per harmonic."""
+
+
+@final
+class FineObservation:
+    """The fine observation matrix of the series of a problem."""
+
+    __slots__ = ("_basis", "_observation", "_space")
+
+    def __init__(self, robot: Robot, problem: ExcitationProblem) -> None:
+        """Build the columns of the robot."""
+        self._space = problem.space
+        samples = _FIGURE_SAMPLES * problem.space.harmonics
+        self._basis = build_grid_basis(problem.space, samples, 3)
+        self._observation = Observation(build_columns(robot), samples, problem.observation.weights)
+
+    def find_figures(self, unknowns: FloatArray) -> tuple[float, float]:
+        """Return condition number and mean logarithm of information at unknowns (n r,)."""
+        states = self._space.find_states(np.reshape(unknowns, self._space.shape), self._basis)
+        matrix = self._observation.find_matrix(states)
+        gram: FloatArray = matrix.T @ matrix / self._observation.samples
+        return compute_condition(gram), compute_information(gram)

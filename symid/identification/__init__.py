@@ -1,1 +1,71 @@
-"""From measurements to parameters with their uncertainty."""
+"""From recordings to parameters with their uncertainty, for rigid and elastic robots."""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from symid.identification.compare import (
+        Compared as Compared,
+        ComparedValue as ComparedValue,
+        EstimateSide as EstimateSide,
+        build_side as build_side,
+        check_comparison_gate as check_comparison_gate,
+        check_files as check_files,
+        compare_with_estimate as compare_with_estimate,
+        compare_with_table as compare_with_table,
+        is_table as is_table,
+    )
+    from symid.identification.draft import (
+        Draft as Draft,
+        DraftOrder as DraftOrder,
+        draft_robot as draft_robot,
+    )
+    from symid.identification.export import (
+        FileExport as FileExport,
+        WrittenFriction as WrittenFriction,
+        check_format as check_format,
+        write_friction as write_friction,
+        write_identified as write_identified,
+        write_stated as write_stated,
+    )
+    from symid.identification.identified import (
+        GivenResult as GivenResult,
+        build_identified as build_identified,
+        is_friction as is_friction,
+        read_dynamics as read_dynamics,
+        read_result as read_result,
+    )
+    from symid.identification.identify import (
+        FrictionRequest as FrictionRequest,
+        IdentifyTask as IdentifyTask,
+        TaskContext as TaskContext,
+        identify_robot as identify_robot,
+        identify_robot_friction as identify_robot_friction,
+        identify_stiffness as identify_stiffness,
+    )
+    from symid.identification.installation import (
+        InstallationFinding as InstallationFinding,
+        check_installation as check_installation,
+    )
+    from symid.identification.payload import (
+        GivenSide as GivenSide,
+        PayloadFinding as PayloadFinding,
+        PayloadTask as PayloadTask,
+        identify_payload as identify_payload,
+    )
+    from symid.identification.validate import (
+        AnyValidation as AnyValidation,
+        ElasticValidation as ElasticValidation,
+        FrictionValidation as FrictionValidation,
+        RigidValidation as RigidValidation,
+        TrackingComparison as TrackingComparison,
+        TrackingTask as TrackingTask,
+        build_tracking_task as build_tracking_task,
+        diagnose_fit as diagnose_fit,
+        validate_elastic as validate_elastic,
+        validate_friction_result as validate_friction_result,
+        validate_rigid as validate_rigid,
+    )
+else:
+    from symid.lazy import load_names
+
+    __getattr__, __dir__, __all__ = load_names(__name__, __file__)

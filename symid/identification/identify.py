@@ -1,240 +1,489 @@
-"""Identification: recordings to parameters with their uncertainty.
+"""From a robot and its recordings to an estimate: rigid, motor side alone, elastic joints, or friction.
 
-Input: a library of generated robot functions, recordings, settings. Output: `Estimate`.
+Robot, recordings, what is asked for -> `Identification` or `IdentifiedFriction`.
 
-    Recording -> Signals -> Rows -> Identifiability -> Fit -> Estimate
+    robot, recordings, options -> route -> library -> estimate, with what a reader must know
 
-Supported: several recordings at once, of unequal weight; all kinds of rows with all estimators; recordings
-whose rows do not go into memory.
-Not supported: recordings with delays or zero offsets of their own.
+Supported: all rows, estimators and methods; runs of unequal weight and with known payloads; a friction law
+and its parameters for every joint that moves, of elastic robots on the motor side with a rigid model.
 """
 
-import json
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from symid.codegen.functions import ModelCard, ParameterCard
-from symid.codegen.library import Library
-from symid.data.recording import Recording
-from symid.errors import Notice, UsageError
-from symid.estimators.estimate import Estimate, Outcome, ParameterEstimate
-from symid.estimators.estimators import ESTIMATORS, EstimatorOptions, fit_rows
-from symid.estimators.regression import Fit
-from symid.estimators.statistics import find_residuals
-from symid.identification.fitted_processing import describe_processing
-from symid.identification.long_fit import FittedRows, fit_long, is_long
-from symid.residuals.doubts import (
-    warn_of_mass_matrix,
-    warn_of_pattern,
-    warn_of_processing,
-    warn_of_vague,
+from symid.arrays import FloatArray
+from symid.codegen import Library
+from symid.environment import show_path
+from symid.errors import EstimateError, Notice, UsageError
+from symid.identification.elastic import (
+    ElasticEstimate,
+    ElasticOptions,
+    build_motor_recording,
+    build_rigid_variant,
+    check_settings,
+    choose_route,
+    cut_logs,
+    get_asked_cutoff,
+    has_both_encoders,
+    list_unused_settings,
+    refuse_elasticity,
+    warn_of_rotors,
 )
-from symid.residuals.drift import warn_of_drift
-from symid.residuals.moving_ends import warn_of_moving_ends
-from symid.residuals.sticking import warn_of_sticking
-from symid.residuals.structure import warn_of_structure
-from symid.robot.log_map import Processing
-from symid.rows.cutoff import choose_filters, choose_window
-from symid.rows.identifiability import Identifiability, RankRule, find_identifiability
-from symid.rows.long_rows import RowMaker
-from symid.rows.rows import ROW_KINDS, Rows, stack_rows
+from symid.identification.estimators import Estimate
+from symid.identification.friction import (
+    AUTO,
+    STOCHASTIC,
+    FrictionIdentification,
+    FrictionOptions,
+    FrictionTask,
+    identify_friction,
+    is_friction_result,
+)
+from symid.identification.regression import WHOLE_MODEL, RankRule
+from symid.identification.rigid import (
+    OUTPUT_ERROR,
+    SIMULATING,
+    RigidOptions,
+    build_estimator_options,
+    check_estimator,
+    check_rigid_options,
+    get_estimate,
+    identify_parameters,
+)
+from symid.logs import (
+    Alignment,
+    Recording,
+    check_recording,
+    compute_log_digests,
+    describe_logs,
+    get_run_weights,
+    get_second_encoder_side,
+    refuse_known_payloads,
+)
+from symid.robot import Robot, describe_settings
 
-__all__ = ["LARGEST", "identify_parameters"]
-
-LARGEST = 2e8
-"""Bytes of equations that are held in memory."""
+if TYPE_CHECKING:
+    from symid.identification.elastic import StiffnessEstimate
 
 
-def identify_parameters(
-    library: Library,
-    recordings: Sequence[Recording],
-    processing: Processing,
-    *,
-    rows: str = "torque",
-    estimator: str = "ols",
-    window: float | None = None,
-    overlap: float = 0.0,
-    rule: RankRule | None = None,
-    options: EstimatorOptions | None = None,
-    weights: Sequence[float] | None = None,
-    echo: Mapping[str, object] | None = None,
-    largest: float = LARGEST,
-) -> Estimate:
-    """Return the parameters of the library's model that explain the recordings best.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TaskContext:
+    """What long work needs besides its data.
 
     Args:
-        library: the robot's functions; its model card names the parameters.
-        recordings: at least one, all of one robot.
-        processing: filter, cut ends and decimation.
-        rows: one of `ROW_KINDS`.
-        estimator: one of `ESTIMATORS`.
-        window: length of the windows of momentum, filtered and energy rows in s; None for what
-            `choose_window` chooses.
-        overlap: part of a window that the next one shares, of momentum and energy rows.
-        rule: when a parameter counts as not seen.
-        options: of the estimator.
-        weights: what the squares of each recording's residuals count for; one if None.
-        echo: further settings to keep with the result, such as the log's columns.
-        largest: bytes; torque and momentum rows that take more are fitted by `ols` and `wls` block by block.
+        prepare: returns the compiled functions of a robot.
+        progress: called with a short text on what begins.
+    """
+
+    prepare: Callable[[Robot], Library]
+    progress: Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IdentifyTask:
+    """What is asked for.
+
+    Args:
+        pairs: settings of the call, keys and values; they are part of the robot already.
+        rigid: options of rows and estimators.
+        method: of elastic joints, None for the automatic choice.
+        elastic: options of elastic joints that were given: tolerance, thresholds, knees, window, rate.
+        options: all options of elastic joints, in place of the defaults; `elastic` wins over them.
+    """
+
+    pairs: tuple[tuple[str, str], ...] = ()
+    rigid: RigidOptions = field(default_factory=RigidOptions)
+    method: str | None = None
+    elastic: Mapping[str, object] = field(default_factory=dict)
+    options: ElasticOptions | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse an unknown estimator before a log is read.
+
+        Raises:
+            UsageError: there is no such estimator.
+        """
+        check_estimator(self.rigid.rows or "torque", self.rigid.estimator)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Identification:
+    """An estimate, and what came with it.
+
+    Args:
+        estimate: of base parameters, or of dynamics and springs.
+        notices: what a reader should know, those of the robot and its logs first.
+        backend: what computed the robot's functions.
+        alignment: delay and offsets of the link encoders, where they were looked for.
+    """
+
+    estimate: Estimate | ElasticEstimate
+    notices: tuple[Notice, ...]
+    backend: str
+    alignment: Alignment | None = None
+
+
+def identify_robot(
+    robot: Robot, recordings: Sequence[Recording], task: IdentifyTask, workshop: TaskContext
+) -> Identification:
+    """Return the parameters of a robot that explain its recordings best.
+
+    Args:
+        robot: with the settings of the call.
+        recordings: at least one.
+        task: what is asked for.
+        workshop: library and progress.
 
     Raises:
-        UsageError: there is no such kind of rows or estimator, or no recording.
-        LogError: a recording does not fit the robot.
+        UsageError: options that do not go together, or not with this robot and these logs.
+        LogError: a recording does not fit the robot, or what is asked for cannot take a known payload.
+        EstimateError: a prior or a start is of another model.
         IdentifiabilityError: nothing can be learnt.
+        SolverError: a search ended without a usable result.
     """
-    _check_call(recordings, rows, estimator)
-    filters = choose_filters(processing, recordings)
-    if window is None:
-        window = choose_window(rows, filters.processing, recordings[0].period)
-    maker = RowMaker(rows, library, filters.processing, window, overlap)
-    found = _fit(maker, recordings, estimator, rule=rule, options=options, weights=weights, largest=largest)
-    settings = {
-        **(echo or {}),
-        **describe_processing(processing, filters.processing, recordings),
-        **_tell(found.fit, weights),
-        **_tell_windows(maker),
-    }
-    doubts = _find_doubts(maker, recordings, found, weights)
-    estimate = _build_estimate(library.card, found, estimator, settings)
-    return replace(
-        estimate,
-        sources=tuple(recording.source for recording in recordings),
-        notices=(*filters.notices, *estimate.notices, *doubts),
-    )
-
-
-def _build_estimate(
-    card: ModelCard, found: FittedRows, estimator: str, settings: Mapping[str, object]
-) -> Estimate:
-    fit, seen, rows = found.fit, found.seen, found.rows
-    parameters = _list_parameters(card.beta + card.friction, fit, seen)
-    return Estimate(
-        robot=card.robot,
-        signature=card.signature,
-        rows=rows.kind,
-        estimator=estimator,
-        friction=tuple(joint.friction for joint in card.joints),
-        parameters=parameters,
-        residual=find_residuals(rows, fit.residuals, fit.spent),
-        condition=fit.condition,
-        outcome=Outcome.SOME_REFUSED if seen.refused else Outcome.SOLVED,
-        samples=len(rows.values),
-        sources=(),
-        settings=_echo(settings),
-        refused=seen.refused,
-        unresolved=_list_unresolved(rows, fit, seen),
-        covariance=_cut_covariance(fit, seen),
-        notices=(*rows.notices, *seen.notices, *fit.notices, *warn_of_vague(parameters)),
-    )
-
-
-def _fit(
-    maker: RowMaker,
-    recordings: Sequence[Recording],
-    estimator: str,
-    *,
-    rule: RankRule | None,
-    options: EstimatorOptions | None,
-    weights: Sequence[float] | None,
-    largest: float,
-) -> FittedRows:
-    """Return equations and fit: block by block where the equations do not go into memory."""
-    if is_long(maker, recordings, estimator, largest):
-        found = fit_long(maker, recordings, estimator, rule=rule or RankRule(), weights=weights)
-        if found is not None:
-            return found
-    stacked = stack_rows([maker.prepare(entry) for entry in recordings], weights)
-    seen, freedom = find_identifiability(stacked, rule), maker.processing.noise_freedom
-    fit = fit_rows(estimator, stacked, seen, freedom, options)
-    return FittedRows(
-        rows=stacked,
-        seen=seen,
-        fit=fit,
-        pattern=warn_of_pattern(stacked, fit, seen),
-        drift=warn_of_drift(stacked, fit, [entry.source for entry in recordings], freedom),
-    )
-
-
-def _find_doubts(
-    maker: RowMaker, recordings: Sequence[Recording], found: FittedRows, weights: Sequence[float] | None
-) -> tuple[Notice, ...]:
-    """Return what speaks against the fit."""
-    library, values = maker.library, found.fit.values
-    structure: tuple[Notice, ...] = ()
-    if found.pattern:
-        structure = warn_of_structure(values, library, recordings, maker.processing, weights)
-    return (
-        *warn_of_processing(maker.processing, recordings),
-        *warn_of_moving_ends(maker.processing, recordings),
-        *found.pattern,
-        *structure,
-        *warn_of_sticking(found.rows, found.fit, library),
-        *found.drift,
-        *(() if found.seen.refused else warn_of_mass_matrix(library, values, recordings)),
-    )
-
-
-def _tell_windows(maker: RowMaker) -> Mapping[str, object]:
-    """Return what a result says of the windows."""
-    if maker.kind in {"torque", "power"}:
-        return {}
-    shared: dict[str, object] = {"overlap": maker.overlap} if maker.overlap else {}
-    return {"window": maker.window, **shared}
-
-
-def _tell(fit: Fit, weights: Sequence[float] | None) -> Mapping[str, object]:
-    """Return what the estimator chose or paid, and the weights of the recordings, if any."""
-    told: dict[str, object] = {"fit": dict(fit.report)} if fit.report else {}
-    return told if weights is None else {**told, "weights": list(weights)}
-
-
-def _echo(settings: Mapping[str, object]) -> Mapping[str, object]:
-    """Return the settings as JSON would give them back, so that a stored result equals its origin."""
-    plain: dict[str, object] = json.loads(json.dumps(settings))
-    return plain
-
-
-def _check_call(recordings: Sequence[Recording], rows: str, estimator: str) -> None:
-    problems = []
-    if rows not in ROW_KINDS:
-        text = f"rows {rows!r}: there is no such kind; allowed are {', '.join(ROW_KINDS)}"
-        problems.append(Notice(code="usage.unknown-rows", text=text))
-    if estimator not in ESTIMATORS:
-        text = f"estimator {estimator!r}: there is no such estimator; allowed are {', '.join(ESTIMATORS)}"
-        problems.append(Notice(code="usage.unknown-estimator", text=text))
-    if not recordings:
-        problems.append(Notice(code="usage.no-log", text="no log was given: name at least one"))
-    if problems:
-        raise UsageError(*problems)
-
-
-def _list_parameters(
-    cards: tuple[ParameterCard, ...], fit: Fit, seen: Identifiability
-) -> tuple[ParameterEstimate, ...]:
-    deviations = np.sqrt(np.diag(fit.covariance))
-    return tuple(
-        ParameterEstimate(
-            name=card.name,
-            value=float(fit.values[index]),
-            std=float(deviations[index]),
-            unit=card.unit,
-            expression=card.expression,
-            reason=card.reason,
-            truth=card.value,
+    estimator = task.rigid.estimator
+    if any(robot.elastic):
+        refuse_known_payloads(recordings, "a robot with elastic joints")
+    elif estimator in SIMULATING:
+        refuse_known_payloads(recordings, f"--estimator {estimator}")
+    given = task.rigid.list_given()
+    route = choose_route(robot, recordings, method=task.method, elastic=task.elastic, rigid=given)
+    if route.kind == "elastic":
+        return _identify_elastic(robot, recordings, route.method, task, workshop)
+    if task.options is not None:
+        text = (
+            f"elastic: options of elastic joints cannot be used with {robot.name!r}, identified as rigid; "
+            "leave them out"
         )
-        for index, card in enumerate(cards)
-        if seen.learnable[index]
+        raise UsageError(Notice(code="usage.mixed-options", text=text))
+    window = task.elastic.get("window")
+    options = replace(task.rigid, window=window if isinstance(window, int | float) else None)
+    return _identify_rigid(robot, recordings, options, workshop, motor_side=route.kind == "motor-side")
+
+
+def list_log_notices(robot: Robot, recordings: Sequence[Recording]) -> tuple[Notice, ...]:
+    """Return what a reader should know of the robot file and of the logs."""
+    found: tuple[Notice, ...] = robot.notices
+    for recording in recordings:
+        found += (*recording.notices, *check_recording(recording, robot))
+    return found
+
+
+def _identify_rigid(
+    robot: Robot,
+    recordings: Sequence[Recording],
+    options: RigidOptions,
+    workshop: TaskContext,
+    *,
+    motor_side: bool,
+) -> Identification:
+    rows, estimator = options.rows or "torque", options.estimator or "ols"
+    check_rigid_options(rows, estimator, options)
+    warnings = list_log_notices(robot, recordings)
+    both = has_both_encoders(recordings)
+    recordings = [build_motor_recording(recording, robot) for recording in recordings]
+    rigid = build_rigid_variant(robot) if motor_side else robot
+    if estimator in SIMULATING:
+        from symid.identification.rigid import check_closed_loop
+
+        # What cannot be simulated is refused before anything is compiled.
+        check_closed_loop(robot, recordings)
+    library = workshop.prepare(rigid)
+    count = f"{len(recordings)} log{'s'[: len(recordings) > 1]}"
+    workshop.progress(f"identifying {robot.name} from {count}")
+    estimate = _fit_rigid(rigid, library, recordings, options, workshop.progress)
+    if motor_side:
+        estimate = refuse_elasticity(estimate, robot, both=both)
+        warnings += tuple(
+            note for entry in recordings for note in entry.notices if note.code == "log.motor-position"
+        )
+    elif any(get_second_encoder_side(recording) for recording in recordings):
+        unused = (
+            "the log has a second encoder, which a rigid model has no use for: its position is that of "
+            "[log.position]; --method stiffness looks at both"
+        )
+        warnings += (Notice(code="identify.second-encoder", text=unused),)
+    notices = (*warnings, *library.notices, *estimate.notices)
+    return Identification(estimate=estimate, notices=notices, backend=library.backend)
+
+
+def _fit_rigid(
+    robot: Robot,
+    library: Library,
+    recordings: Sequence[Recording],
+    options: RigidOptions,
+    progress: Callable[[str], None],
+) -> Estimate:
+    """Return the estimate that rows and estimator make of the recordings."""
+    rows, estimator = options.rows or "torque", options.estimator or "ols"
+    rule = RankRule(least=0.0 if options.partial else WHOLE_MODEL)
+    weights, echo = get_run_weights(recordings), describe_logs(robot, recordings)
+    if estimator in SIMULATING:
+        from symid.identification.rigid import identify_instrumental, identify_output_error
+
+        identify = identify_output_error if estimator == OUTPUT_ERROR else identify_instrumental
+        start = options.start
+        return identify(
+            robot,
+            library,
+            recordings,
+            start=None if start is None else get_estimate(start, library.card),
+            start_name=_name_start(start),
+            rule=rule,
+            weights=weights,
+            echo=echo,
+            tell=progress,
+        )
+    return identify_parameters(
+        library,
+        recordings,
+        robot.processing,
+        rows=rows,
+        estimator=estimator,
+        options=build_estimator_options(robot, library, recordings, estimator, options),
+        window=options.window,
+        overlap=options.overlap or 0.0,
+        rule=rule,
+        weights=weights,
+        echo=echo,
     )
 
 
-def _list_unresolved(rows: Rows, fit: Fit, seen: Identifiability) -> tuple[tuple[str, float], ...]:
-    """Return the values of refused parameters that act together with others, not of those without effect."""
-    acting = seen.basis.any(axis=1) & ~seen.learnable
-    return tuple((rows.names[k], float(fit.values[k])) for k in np.flatnonzero(acting))
+def _name_start(start: Estimate | Path | None) -> str:
+    match start:
+        case None:
+            return ""
+        case Path():
+            return show_path(start)
+    return f"an estimate by {start.estimator}"
 
 
-def _cut_covariance(fit: Fit, seen: Identifiability) -> tuple[tuple[float, ...], ...]:
-    kept = fit.covariance[np.ix_(seen.learnable, seen.learnable)]
-    return tuple(tuple(map(float, row)) for row in kept)
+def _identify_elastic(
+    robot: Robot,
+    recordings: Sequence[Recording],
+    method: str,
+    task: IdentifyTask,
+    workshop: TaskContext,
+) -> Identification:
+    """Return dynamics, friction and springs; delay and offsets of the link encoders are taken out first."""
+    from symid.identification.elastic import identify_elastic, prepare_aligned
+
+    check_settings(task.pairs, "elastic")
+    recordings = cut_logs(recordings, robot.processing)
+    warnings = list_log_notices(robot, recordings)
+    options = _build_elastic_options(method, task, get_asked_cutoff(robot, task.pairs))
+    library = workshop.prepare(robot)
+    moved, alignment, told = prepare_aligned(library, recordings)
+    count = f"{len(moved)} log{'s'[: len(moved) > 1]}"
+    workshop.progress(f"identifying {robot.name} from {count} by the method {options.method!r}")
+    echo = {**describe_settings(robot), "log_digests": compute_log_digests(recordings)}
+    found = identify_elastic(library, moved, options, echo=echo)
+    estimate = replace(found, notices=(*found.notices, *warn_of_rotors(found.parameters)))
+    unused = list_unused_settings(robot, "elastic")
+    notices = (*unused, *warnings, *library.notices, *told, *estimate.notices)
+    return Identification(estimate=estimate, notices=notices, backend=library.backend, alignment=alignment)
+
+
+def _build_elastic_options(method: str, task: IdentifyTask, cutoff: float | None) -> ElasticOptions:
+    """Return the options, those that are not given left at their defaults."""
+    given = {name: value for name, value in task.elastic.items() if value is not None}
+    if "thresholds" in given:
+        given["stops"] = given.pop("thresholds")
+    if cutoff is not None:
+        given["cutoff"] = cutoff
+    if task.method is not None or task.options is None:
+        given["method"] = method
+    return replace(task.options or ElasticOptions(), **given)  # type: ignore[arg-type]  # checked by the record
+
+
+def identify_stiffness(
+    robot: Robot,
+    recordings: Sequence[Recording],
+    pairs: Sequence[tuple[str, str]],
+    workshop: TaskContext,
+) -> "tuple[StiffnessEstimate, tuple[Notice, ...]]":
+    """Return the delay between the encoders, their offsets and the stiffness of every joint, with notices.
+
+    Args:
+        robot: with the settings of the call.
+        recordings: with the positions of motors and links.
+        pairs: settings of the call, keys and values.
+        workshop: library and progress.
+
+    Raises:
+        UsageError: a setting has no meaning for a stiffness.
+        LogError: a recording lacks an encoder, or is too short.
+    """
+    from symid.identification.elastic import estimate_stiffness
+
+    if any(robot.elastic):
+        refuse_known_payloads(recordings, "a robot with elastic joints")
+    check_settings(pairs, "stiffness")
+    recordings = cut_logs(recordings, robot.processing)
+    warnings = list_log_notices(robot, recordings)
+    library = workshop.prepare(robot)
+    workshop.progress(f"finding the stiffness of {robot.name}")
+    found = estimate_stiffness(library, recordings)
+    unused = list_unused_settings(robot, "stiffness")
+    return found, (*unused, *warnings, *library.notices, *found.notices)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrictionRequest:
+    """What is asked for; None where the default holds.
+
+    Args:
+        model: a law, or "auto" to choose one by torques held back.
+        estimator: how laws are fitted; varpro by default.
+        known: base parameters to subtract, an estimate or its file; else the rigid part is fitted along.
+        smoothing: rad/s or m/s over which dry friction changes its sign.
+        period: s, of the motion, once or once a log, to average over periods.
+        seed: of a stochastic estimator.
+        friction: the friction model of all joints that was asked for; only to say whether it had a part.
+        options: of the estimators; `seed` wins over theirs.
+    """
+
+    model: str | None = None
+    estimator: str | None = None
+    known: Estimate | Path | None = None
+    smoothing: float | None = None
+    period: tuple[float, ...] = ()
+    seed: int | None = None
+    friction: str | None = None
+    options: FrictionOptions = field(default_factory=FrictionOptions)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class IdentifiedFriction:
+    """Friction of all joints that move, what a reader should know, and what computed the functions."""
+
+    result: FrictionIdentification
+    notices: tuple[Notice, ...]
+    backend: str
+
+
+def identify_robot_friction(
+    robot: Robot, recordings: Sequence[Recording], request: FrictionRequest, workshop: TaskContext
+) -> IdentifiedFriction:
+    """Return the friction of every joint that the recordings move.
+
+    Args:
+        robot: with the settings of the call.
+        recordings: at least one.
+        request: what is asked for.
+        workshop: library and progress.
+
+    Raises:
+        UsageError: no such law or estimator; a smoothing that the law has no use for.
+        LogError: a recording does not fit the robot, carries a known payload, or has another period.
+        EstimateError: the known parameters are of another model.
+        IdentifiabilityError: nothing can be learnt of any joint.
+        SolverError: a search ended without usable numbers.
+    """
+    refuse_known_payloads(recordings, "--rows friction")
+    described = build_rigid_variant(robot) if any(robot.elastic) else robot
+    measured = [build_motor_recording(recording, robot) for recording in recordings]
+    library = workshop.prepare(described)
+    model = request.model or AUTO
+    what = "choosing and fitting a friction law" if model == AUTO else f"fitting the friction law {model}"
+    workshop.progress(f"{what} for {robot.name} from {len(measured)} log{'s'[: len(measured) > 1]}")
+    beta = _read_known(request.known, library)
+    options = request.options if request.seed is None else replace(request.options, seed=request.seed)
+    task = FrictionTask(
+        model=model,
+        estimator=request.estimator or "varpro",
+        options=options,
+        beta=beta,
+        smoothing=request.smoothing or 0.0,
+        periods=request.period,
+    )
+    found = identify_friction(
+        library,
+        measured,
+        described.processing,
+        task,
+        echo=_describe_settings(robot, library, measured, request, beta),
+    )
+    notices = (
+        *list_log_notices(robot, recordings),
+        *_warn_of_springs(robot),
+        *library.notices,
+        *found.notices,
+        *_warn_of_unused(found, request, library),
+    )
+    return IdentifiedFriction(result=found, notices=notices, backend=library.backend)
+
+
+def _describe_settings(
+    robot: Robot,
+    library: Library,
+    recordings: Sequence[Recording],
+    request: FrictionRequest,
+    beta: FloatArray | None,
+) -> Mapping[str, object]:
+    known = None
+    if request.known is not None:
+        known = str(request.known) if isinstance(request.known, Path) else "an estimate in memory"
+    return {
+        "log": describe_settings(robot)["log"],
+        "log_digests": compute_log_digests(recordings),
+        "known": known,
+        "known_values": None if beta is None else _name_known(beta, library),
+        "friction": [joint.friction for joint in library.card.joints],
+    }
+
+
+def _read_known(known: Estimate | Path | None, library: Library) -> FloatArray | None:
+    if known is None:
+        return None
+    if isinstance(known, Path) and is_friction_result(known):
+        text = (
+            "this is friction found with --rows friction; --known takes the base parameters that "
+            "`symid identify ROBOT LOG... -o FILE` finds without --rows friction"
+        )
+        raise EstimateError(Notice(code="estimate.friction", text=text, file=str(known)))
+    estimate = get_estimate(known, library.card)
+    return estimate.assemble(tuple(entry.name for entry in library.card.beta))
+
+
+def _name_known(beta: FloatArray, library: Library) -> dict[str, float]:
+    return {entry.name: float(value) for entry, value in zip(library.card.beta, beta, strict=True)}
+
+
+def _warn_of_unused(
+    found: FrictionIdentification, request: FrictionRequest, library: Library
+) -> tuple[Notice, ...]:
+    """Return a notice for every option that had no part in the result."""
+    texts = []
+    if request.seed is not None and found.estimator not in STOCHASTIC:
+        texts.append(
+            f"--seed has no part in this result: {found.estimator} draws nothing at random; "
+            f"{', '.join(sorted(STOCHASTIC))} do"
+        )
+    others = {entry.name for entry in library.card.friction}
+    beside = {
+        name
+        for joint in found.joints
+        for name in (
+            *(entry.name for entry in joint.estimate.extra),
+            *(name for name, _ in joint.estimate.refused),
+        )
+    }
+    if request.friction and not others & beside:
+        texts.append(
+            "--friction has no part in this result: no joint's friction acts on another here; the law of a "
+            "joint's own friction is that of --model"
+        )
+    return tuple(Notice(code="friction.unused-option", text=text) for text in texts)
+
+
+def _warn_of_springs(robot: Robot) -> tuple[Notice, ...]:
+    if not any(robot.elastic):
+        return ()
+    text = (
+        f"robot {robot.name!r} gives between motor and link: friction was fitted to the motor side with a "
+        "rigid model; what springs lose is counted as friction"
+    )
+    return (Notice(code="friction.elastic", text=text),)

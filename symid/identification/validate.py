@@ -1,135 +1,522 @@
-"""Validation: what identified parameters explain of a log that they were not fitted to.
+"""A stored result and logs: validation on one that it was not fitted to, diagnosis by its own.
 
-Input: an estimate, the library of the same model, a recording. Output: `Validation`.
+Robot, result, log, settings -> `RigidValidation`, `ElasticValidation`, `FrictionValidation`;  robot,
+estimate -> `Diagnosis`.
 
-Supported: torque rows (the default), and momentum and energy rows.
-Not supported: a log with other joints, or a model other than the estimate's.
+Nothing is fitted in a validation; filter and friction are those of the identification, unless the call
+states others. For a diagnosis the logs of the fit are read again with the settings of the fit and of each
+run.
 """
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
-from symid.arrays import FloatArray
-from symid.codegen.functions import ModelCard
-from symid.codegen.library import Library
-from symid.data.logs import is_fitted
-from symid.data.recording import Recording
-from symid.errors import EstimateError, Notice
-from symid.estimators.estimate import Estimate, Series, Validation
-from symid.estimators.statistics import find_residuals
-from symid.identification.fitted_processing import settle_as_fitted
-from symid.robot.log_map import Processing
-from symid.rows.preparation import prepare_rows
-from symid.rows.rows import WINDOW, Rows
+from symid.codegen import Library
+from symid.errors import LogError, Notice, UsageError
+from symid.excitation import Trajectory, build_trajectory
+from symid.identification.diagnostics import BandResidual, compute_band_residual, predict_torques
+from symid.identification.elastic import (
+    ElasticEstimate,
+    ElasticTrial,
+    TrackingRun,
+    build_motor_recording,
+    build_rigid_estimate,
+    build_rigid_variant,
+    check_elastic_model,
+    check_settings,
+    cut_logs,
+    evaluate_elastic,
+    get_asked_cutoff,
+    get_encoder_positions,
+    prepare_aligned,
+    simulate_tracking,
+)
+from symid.identification.estimators import Estimate, Residual, ResolvedProcessing, Validation
+from symid.identification.friction import (
+    FrictionIdentification,
+    check_friction_model,
+    check_friction_robot,
+    set_identified_friction,
+    validate_friction,
+)
+from symid.identification.identify import TaskContext
+from symid.identification.rigid import (
+    Diagnosis,
+    check_rigid_model,
+    diagnose_estimate,
+    resolve_processing,
+    restore_robot,
+    validate_estimate,
+)
+from symid.logs import IN_MEMORY_PREFIX, Alignment, Recording, read_one_log, read_recorded_runs
+from symid.robot import Robot
+from symid.serialization import compute_file_digest
+from symid.simulation import build_noisy_options, check_stated_values
 
-__all__ = ["check_model", "validate_estimate"]
+_BEYOND = 1.05
+"""Part of the torsion seen in the fit up to which a spring counts as known."""
+
+_TC_JOINTS, _SEED = 2, 1
+"""Joints that the motion for validation has, and the seed of the random one for other robots."""
+
+Pairs = Sequence[tuple[str, str]]
 
 
-def validate_estimate(
-    estimate: Estimate,
-    library: Library,
-    recording: Recording,
-    processing: Processing,
-    *,
-    rows: str = "torque",
-    window: float = WINDOW,
-    overlap: float = 0.0,
-) -> Validation:
-    """Return residuals and series of `recording` under the estimate; nothing is fitted.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RigidValidation:
+    """What an estimate of base parameters explains of a log.
 
     Args:
-        estimate: the parameters.
-        library: the functions of the same model.
-        recording: the log.
-        processing: as stated; what it leaves open is as in the fit, see `settle_as_fitted`.
-        rows: one of `ROW_KINDS`.
-        window: length of windows in s.
-        overlap: part of a window that the next one shares.
+        robot: as it was identified, elastic joints included.
+        validation: residuals and series; settled: how the log was processed.
+        band: what is left below a frequency at the full rate; None where not asked for.
+        notices: what a reader should know.
+    """
+
+    robot: Robot
+    validation: Validation
+    settled: ResolvedProcessing
+    notices: tuple[Notice, ...]
+    band: BandResidual | None = None
+
+    @property
+    def source(self) -> str:
+        """Return the log."""
+        return self.validation.source
+
+    @property
+    def residual(self) -> tuple[Residual, ...]:
+        """Return what is left, joint by joint, within the band if asked for."""
+        return self.validation.residual if self.band is None else self.band.joints
+
+    @property
+    def mean_relative_percent(self) -> float:
+        """Return the mean over joints of the relative residuals, in percent, within the band if asked for."""
+        return (self.band or self.validation).mean_relative_percent
+
+    def find_missed(self, gate: float | None) -> tuple[Notice, ...]:
+        """Return why a gate in percent is missed; nothing where it is not, or there is none."""
+        return _check_gate(self.mean_relative_percent, gate, self.source)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TrackingComparison:
+    """Closed loops along one trajectory, the first of rigid joints, and the methods of the others."""
+
+    trajectory: Trajectory
+    runs: tuple[TrackingRun, ...]
+    methods: Mapping[str, str]
+    seed: int | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TrackingTask:
+    """A motion to simulate with feed-forward of the estimate.
+
+    Args:
+        trajectory: which; seed: of a random one, None for another.
+        against: further estimates to compare with, by where they come from.
+    """
+
+    trajectory: Trajectory
+    seed: int | None = None
+    against: tuple[tuple[str, ElasticEstimate], ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ElasticValidation:
+    """What an estimate of elastic joints explains of a log, and how links follow with it.
+
+    Args:
+        robot: as it was identified; estimate: which.
+        trial: torques by motors, links and springs.
+        alignment: delay and offsets of the log's encoders, None where not looked for.
+        tracking: None where not asked for.
+        notices: what a reader should know.
+    """
+
+    robot: Robot
+    estimate: ElasticEstimate
+    trial: ElasticTrial
+    notices: tuple[Notice, ...]
+    alignment: Alignment | None = None
+    tracking: TrackingComparison | None = None
+
+    @property
+    def source(self) -> str:
+        """Return the log."""
+        return self.trial.source
+
+    @property
+    def residual(self) -> tuple[Residual, ...]:
+        """Return what motors and links together leave, joint by joint."""
+        return self.trial.residuals[0][1]
+
+    @property
+    def mean_relative_percent(self) -> float:
+        """Return the mean over joints of the relative residuals by motors and links, in percent."""
+        return self.trial.mean_relative_percent
+
+    def find_missed(self, gate: float | None) -> tuple[Notice, ...]:
+        """Return what misses a gate in percent: dynamics, and each of the two tables that springs are in."""
+        return tuple(
+            replace(notice, text=f"{caption.rstrip('.')}: {notice.text}")
+            for (caption, _), reached in zip(self.trial.residuals, self.trial.means, strict=True)
+            for notice in _check_gate(reached, gate, self.source)
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FrictionValidation:
+    """What laws of friction, with the rigid part, explain of a log; `laws` by joint."""
+
+    robot: Robot
+    validation: Validation
+    laws: Mapping[str, str]
+    notices: tuple[Notice, ...]
+
+    @property
+    def source(self) -> str:
+        """Return the log."""
+        return self.validation.source
+
+    @property
+    def residual(self) -> tuple[Residual, ...]:
+        """Return what is left, joint by joint."""
+        return self.validation.residual
+
+    @property
+    def mean_relative_percent(self) -> float:
+        """Return the mean over joints of the relative residuals, in percent."""
+        return self.validation.mean_relative_percent
+
+    def find_missed(self, gate: float | None) -> tuple[Notice, ...]:
+        """Return why a gate in percent is missed; nothing where it is not, or there is none."""
+        return _check_gate(self.mean_relative_percent, gate, self.source)
+
+
+AnyValidation = RigidValidation | ElasticValidation | FrictionValidation
+"""What a fit of any kind explains of a log."""
+
+
+def _check_gate(reached: float, gate: float | None, source: str) -> tuple[Notice, ...]:
+    """Return what is wrong with a mean relative residual of `reached` percent; nothing without a gate."""
+    if gate is None or reached <= gate:
+        return ()
+    text = f"mean relative residual {reached:.4f} %, the gate is {gate:g} %"
+    return (Notice(code="validate.gate-missed", text=text, file=source),)
+
+
+def validate_rigid(
+    robot: Robot,
+    estimate: Estimate,
+    log: Path | Recording,
+    workshop: TaskContext,
+    *,
+    pairs: Pairs = (),
+    band: float | None = None,
+    file: str = "",
+) -> RigidValidation:
+    """Return what a rigid model explains of a log; one that was identified as rigid is tried as rigid.
+
+    Args:
+        robot: as read.
+        estimate: of base parameters.
+        log: a file, or what was read from one.
+        workshop: library and progress.
+        pairs: settings of the call, keys and values.
+        band: Hz below which torques are compared at the full rate, None for the rows of the fit.
+        file: of the estimate, for messages.
 
     Raises:
-        EstimateError: the estimate belongs to another model than the library.
-        LogError: the recording does not fit the robot.
+        EstimateError: the estimate is of another model.
+        LogError: the log does not fit the robot.
         IdentifiabilityError: no joint moves in it.
     """
-    check_model(estimate, library.card)
-    fitted = is_fitted(recording, estimate.sources, estimate.settings)
-    settled = settle_as_fitted(estimate, processing, recording)
-    built = prepare_rows(rows, library, recording, settled.processing, window=window, overlap=overlap)
-    predicted = built.matrix @ estimate.assemble(built.names)
-    return Validation(
-        robot=estimate.robot,
-        signature=estimate.signature,
-        source=recording.source,
-        rows=rows,
-        residual=find_residuals(built, built.values - predicted, 0),
-        series=_split_series(built, predicted),
-        samples=len(built.values),
-        fitted=fitted,
-        notices=(*settled.notices, *built.notices, *([_say_fitted(recording.source)] if fitted else [])),
-        processing=settled,
+    described = restore_robot(robot, estimate, pairs)
+    found = build_rigid_estimate(estimate, described)
+    recording = build_motor_recording(read_one_log(log, described), described)
+    library = workshop.prepare(build_rigid_variant(described))
+    check_rigid_model(found, library.card, file)
+    workshop.progress(f"validating on {recording.source}")
+    settled = resolve_processing(found, described.processing, recording)
+    validation = validate_estimate(found, library, recording, described.processing)
+    residual = None
+    if band is not None:
+        names = tuple(entry.name for entry in (*library.card.beta, *library.card.friction))
+        values = found.assemble(names)
+        predicted = predict_torques(values, library, recording, settled.processing, band=band)
+        residual = compute_band_residual(predicted)
+    notices = (*described.notices, *library.notices, *recording.notices, *validation.notices)
+    return RigidValidation(
+        robot=described, validation=validation, settled=settled, notices=notices, band=residual
     )
 
 
-def check_model(estimate: Estimate, card: ModelCard, file: str = "") -> None:
-    """Check that the estimate was made with the model of `card`.
+def validate_elastic(
+    robot: Robot,
+    estimate: ElasticEstimate,
+    log: Path | Recording,
+    workshop: TaskContext,
+    *,
+    pairs: Pairs = (),
+    tracking: TrackingTask | None = None,
+    file: str = "",
+) -> ElasticValidation:
+    """Return what an estimate of elastic joints explains of a log, and how links follow with it.
+
+    Delay and offsets of the log's link encoders are taken out first, as in an identification.
+
+    Args:
+        robot: as read.
+        estimate: of dynamics and springs.
+        log: a file, or what was read from one.
+        workshop: library and progress.
+        pairs: settings of the call, keys and values.
+        tracking: a motion to simulate, None for none; the robot file must state the true values then.
+        file: of the estimate, for messages.
 
     Raises:
-        EstimateError: its signature is another one, or its parameters are not the model's; the
-            message says what differs.
+        UsageError: a setting has no meaning here; an estimate lacks springs, which a feed-forward needs.
+        EstimateError: an estimate is of another model.
+        LogError: the log lacks an encoder, or does not fit the robot.
+        RobotError: the robot file lacks values to simulate with.
     """
-    if estimate.signature == card.signature:
-        _check_names(estimate, card, file)
-        return
-    friction = tuple(joint.friction for joint in card.joints)
-    if estimate.robot != card.robot:
-        difference = f"it was identified for robot {estimate.robot!r}, the robot given is {card.robot!r}"
-    elif estimate.friction != friction:
-        difference = (
-            f"its friction is {', '.join(estimate.friction)}, that of the robot given {', '.join(friction)}"
-        )
-    else:
-        difference = (
-            f"the model of robot {card.robot!r} has changed since: its signature is now "
-            f"{card.signature[:12]}, the estimate's is {estimate.signature[:12]}"
-        )
-    text = (
-        f"the estimate does not fit the model: {difference}; "
-        "use the same robot and options, or identify again"
+    check_settings(pairs, "elastic")
+    described = restore_robot(robot, estimate, pairs)
+    (recording,) = cut_logs((read_one_log(log, described, "an elastic robot"),), described.processing)
+    # A log with one position is refused before minutes go into a library.
+    get_encoder_positions(recording)
+    if tracking is not None:
+        check_stated_values(described)
+    library = workshop.prepare(described)
+    check_elastic_model(estimate, library.card, file)
+    cases = {} if tracking is None else _list_cases(estimate, tracking, library, file)
+    (moved,), alignment, told = prepare_aligned(library, (recording,))
+    workshop.progress(f"validating on {recording.source}")
+    trial = evaluate_elastic(estimate, library, moved, cutoff=get_asked_cutoff(described, pairs))
+    followed = None
+    if tracking is not None:
+        followed = _track(described, library, tracking, cases, workshop)
+    notices = (
+        *described.notices,
+        *library.notices,
+        *recording.notices,
+        *told,
+        *_warn_of_trial(estimate, trial),
     )
-    raise EstimateError(Notice(code="estimate.signature", text=text, file=file))
+    return ElasticValidation(
+        robot=described,
+        estimate=estimate,
+        trial=trial,
+        notices=notices,
+        alignment=alignment,
+        tracking=followed,
+    )
 
 
-def _check_names(estimate: Estimate, card: ModelCard, file: str) -> None:
-    """Check that each parameter of the model is either known or refused, once, and that there is no other."""
-    expected = {entry.name for entry in (*card.beta, *card.friction)}
-    found = [entry.name for entry in estimate.parameters] + [name for name, _ in estimate.refused]
-    problems = [f"{name!r} is given twice" for name in dict.fromkeys(found) if found.count(name) > 1]
-    strange = [name for name, _ in estimate.unresolved if name not in expected]
-    problems += [f"{name!r} is no parameter of it" for name in (*found, *strange) if name not in expected]
-    problems += [f"{name!r} is missing" for name in sorted(expected - set(found))]
-    if problems:
+def _warn_of_trial(found: ElasticEstimate, trial: ElasticTrial) -> tuple[Notice, ...]:
+    """Return what makes the log a poor test: that it is one of the fit, or goes beyond those."""
+    notices = []
+    if trial.fitted:
+        text = "the estimate was fitted to this very log, which is no test of it; validate on another motion"
+        notices.append(Notice(code="validate.fitted-log", text=text, file=trial.source))
+    reached = {joint.joint: float(abs(joint.torsion).max()) for joint in trial.joints}
+    beyond = [
+        f"{entry.joint} {reached[entry.joint]:.3g} against {entry.torsion:.3g} {entry.position_unit}"
+        for entry in found.springs
+        if entry.told and reached[entry.joint] > _BEYOND * entry.torsion
+    ]
+    if beyond:
         text = (
-            f"its parameters are not those of the model {card.robot!r}: {', '.join(problems)}; identify again"
+            f"torsion beyond that of the logs of the fit, where springs are continued as they end: "
+            f"{', '.join(beyond)}; identify from logs that reach as far"
         )
-        raise EstimateError(Notice(code="estimate.parameters", text=text, file=file))
+        notices.append(Notice(code="validate.beyond-torsion", text=text, file=trial.source))
+    return tuple(notices)
 
 
-def _say_fitted(source: str) -> Notice:
-    text = "the estimate was fitted to this very log, which is no test of it; validate on another motion"
-    return Notice(code="validate.fitted-log", text=text, file=source)
+def _list_cases(
+    found: ElasticEstimate, task: TrackingTask, library: Library, file: str
+) -> dict[str, ElasticEstimate]:
+    """Return the estimates whose feed-forward is tried, by name.
+
+    Raises:
+        EstimateError: another estimate is of another model.
+        UsageError: an estimate has no springs, which a feed-forward needs.
+    """
+    for path, estimate in task.against:
+        check_elastic_model(estimate, library.card, path)
+    cases = dict(enumerate(((file, found), *task.against), start=1))
+    lacking = [
+        path
+        for path, estimate in cases.values()
+        if not estimate.springs or not all(spring.told for spring in estimate.springs)
+    ]
+    if lacking:
+        text = (
+            "the estimate lacks springs, and a feed-forward of elastic joints needs them all; "
+            "identify them too"
+        )
+        raise UsageError(*(Notice(code="usage.no-springs", text=text, file=path) for path in lacking))
+    return {f"Case {number}: {estimate.method}": estimate for number, (_, estimate) in cases.items()}
 
 
-def _split_series(rows: Rows, predicted: FloatArray) -> tuple[Series, ...]:
-    masks = [(index, rows.group == index) for index in range(len(rows.group_names))]
+def build_tracking_task(
+    robot: Robot, seed: int | None, against: tuple[tuple[str, ElasticEstimate], ...] = ()
+) -> TrackingTask:
+    """Return a motion to follow: the one that validation is made for, or a random one.
+
+    Args:
+        robot: of two joints where the former is wanted.
+        seed: of a random motion; None for the former, and for a random one of seed 1 with other robots.
+        against: further estimates to compare with, by where they come from.
+    """
+    plain = seed is None and robot.freedom == _TC_JOINTS
+    chosen = None if plain else _SEED if seed is None else seed
+    name = "tc" if plain else "fourier"
+    trajectory = build_trajectory(robot, name, np.random.default_rng(chosen or 0))
+    return TrackingTask(trajectory=trajectory, seed=chosen, against=against)
+
+
+def _track(
+    robot: Robot,
+    library: Library,
+    task: TrackingTask,
+    cases: Mapping[str, ElasticEstimate],
+    workshop: TaskContext,
+) -> TrackingComparison:
+    """Return the closed loops of all cases, simulated with the values of the robot file."""
+    workshop.progress(f"tracking {task.trajectory.source} with {len(cases) + 1} kinds of feed-forward")
+    bases = len(library.card.beta)
+    runs = simulate_tracking(
+        robot,
+        library,
+        {name: estimate.build_fit(bases) for name, estimate in cases.items()},
+        task.trajectory,
+        build_noisy_options(),
+        progress=workshop.progress,
+    )
+    methods = {name: estimate.method for name, estimate in cases.items()}
+    return TrackingComparison(trajectory=task.trajectory, runs=runs, methods=methods, seed=task.seed)
+
+
+def validate_friction_result(
+    robot: Robot,
+    found: FrictionIdentification,
+    log: Path | Recording,
+    workshop: TaskContext,
+    *,
+    pairs: Pairs = (),
+    file: str = "",
+) -> FrictionValidation:
+    """Return what identified friction, with its rigid part, explains of a log that was not fitted.
+
+    Args:
+        robot: as read.
+        found: laws and parameters.
+        log: a file, or what was read from one.
+        workshop: library and progress.
+        pairs: settings of the call, keys and values.
+        file: of the result, for messages.
+
+    Raises:
+        EstimateError: the friction is of another model.
+        IdentifiabilityError: nothing can be said of any joint.
+    """
+    # The log map of another robot would only say that its columns do not fit.
+    check_friction_robot(found, robot.name, file)
+    unfolded, notices = _undo_folding(robot, found, str(log.source if isinstance(log, Recording) else log))
+    described = restore_robot(robot, unfolded, pairs)
+    recording = build_motor_recording(read_one_log(log, described, "a law of friction"), described)
+    library = workshop.prepare(set_identified_friction(build_rigid_variant(described), found))
+    check_friction_model(found, library.card, file)
+    workshop.progress(f"validating on {recording.source}")
+    validation = validate_friction(found, library, recording, described.processing)
+    return FrictionValidation(
+        robot=described,
+        validation=validation,
+        laws={entry.joint: entry.estimate.law for entry in found.joints},
+        notices=(
+            *described.notices,
+            *notices,
+            *library.notices,
+            *recording.notices,
+            *validation.notices,
+        ),
+    )
+
+
+def _undo_folding(
+    robot: Robot, found: FrictionIdentification, log: str
+) -> tuple[FrictionIdentification, tuple[Notice, ...]]:
+    """Return the result for a log that is taken as it is: mean periods have cut ends of their own."""
+    processing = found.settings.get("processing")
+    folded = found.settings.get("period") or found.settings.get("periods")
+    if not folded or not isinstance(processing, dict):
+        return found, ()
+    own = robot.processing
+    processing = {**processing, "drop_first": own.drop_first, "drop_last": own.drop_last}
+    text = "friction was fitted to mean periods; this log is taken as it is, noise and all"
+    return (
+        replace(found, settings={**found.settings, "processing": processing}),
+        (Notice(code="validate.not-folded", text=text, file=log),),
+    )
+
+
+def diagnose_fit(robot: Robot, estimate: Estimate, workshop: TaskContext) -> Diagnosis:
+    """Return the diagnosis of a fit by its own logs, which are where they were when it was made.
+
+    Args:
+        robot: as read.
+        estimate: of base parameters.
+        workshop: library and progress.
+
+    Raises:
+        LogError: a log was no file, is not there any more, or does not fit the robot.
+        UsageError: its rows mix the joints.
+    """
+    _check_files(estimate)
+    fitted = restore_robot(robot, estimate)
+    tried = build_rigid_estimate(estimate, fitted)
+    library = workshop.prepare(build_rigid_variant(fitted))
+    read = read_recorded_runs(estimate.sources, estimate.settings.get("runs"), fitted)
+    recordings = [build_motor_recording(entry, fitted) for entry in read]
+    workshop.progress(f"diagnosing the fit to {len(recordings)} log{'s'[: len(recordings) > 1]}")
+    found = diagnose_estimate(tried, library, recordings, fitted.processing)
+    return replace(found, notices=(*_list_changed(estimate), *found.notices))
+
+
+def _list_digests(estimate: Estimate) -> list[object]:
+    digests = estimate.settings.get("log_digests")
+    return [*digests] if isinstance(digests, list | tuple) else []
+
+
+def _check_files(estimate: Estimate) -> None:
+    """Refuse a fit to logs that were made in memory: they cannot be read again.
+
+    Raises:
+        LogError: with each of them.
+    """
+    text = "is no file that could be read again; save the log, and identify from the file"
+    notices = [
+        Notice(code="diagnosis.no-file", text=text, file=source)
+        for source, digest in zip(estimate.sources, _list_digests(estimate), strict=False)
+        if not digest or str(digest).startswith(IN_MEMORY_PREFIX)
+    ]
+    if notices:
+        raise LogError(*notices)
+
+
+def _list_changed(estimate: Estimate) -> tuple[Notice, ...]:
+    """Return a notice for every log of the fit whose content is another one now."""
+    known = _list_digests(estimate)
+    text = "is not the file that it was when the estimate was made; identify again, or put the old one back"
     return tuple(
-        Series(
-            joint=rows.group_names[index],
-            unit=rows.group_units[index],
-            velocity_unit=rows.velocity_units[index],
-            time=rows.time[mask],
-            velocity=rows.velocity[mask],
-            measured=rows.values[mask],
-            predicted=predicted[mask],
-        )
-        for index, mask in masks
-        if np.any(mask)
+        Notice(code="diagnosis.changed-log", text=text, file=source)
+        for source, digest in zip(estimate.sources, known, strict=False)
+        if compute_file_digest(source) != digest
     )

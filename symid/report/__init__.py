@@ -1,1 +1,98 @@
-"""What a person reads afterwards."""
+"""A result as text, JSON, tables, figures and pages."""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from symid.report.blocks import (
+        Block as Block,
+        Drawing as Drawing,
+        format_table as format_table,
+        write_html as write_html,
+        write_svg as write_svg,
+        write_text as write_text,
+    )
+    from symid.report.elastic_page import (
+        ElasticExtras as ElasticExtras,
+        write_elastic_report as write_elastic_report,
+    )
+    from symid.report.fit_page import (
+        KnownRobot as KnownRobot,
+        Page as Page,
+        PageRequest as PageRequest,
+        draw_fit as draw_fit,
+        judge_fit as judge_fit,
+        write_elastic_page as write_elastic_page,
+        write_friction_page as write_friction_page,
+        write_rigid_page as write_rigid_page,
+    )
+    from symid.report.fit_text import (
+        describe_alignment as describe_alignment,
+        describe_elastic as describe_elastic,
+        describe_estimate as describe_estimate,
+        describe_friction as describe_friction,
+        describe_stiffness as describe_stiffness,
+        show_elastic as show_elastic,
+        show_elastic_parameters as show_elastic_parameters,
+        show_estimate as show_estimate,
+        show_friction as show_friction,
+        show_springs as show_springs,
+        show_stiffness as show_stiffness,
+    )
+    from symid.report.friction_study_page import write_friction_study_report as write_friction_study_report
+    from symid.report.log_text import (
+        describe_excitation as describe_excitation,
+        describe_log as describe_log,
+        describe_payload as describe_payload,
+        describe_robot_check as describe_robot_check,
+        list_remarks as list_remarks,
+        show_excitation as show_excitation,
+        show_joints as show_joints,
+        show_payload as show_payload,
+        show_robot_check as show_robot_check,
+        summarise_robot as summarise_robot,
+        warn_payload as warn_payload,
+    )
+    from symid.report.pages import TrackingRuns as TrackingRuns, describe_origin as describe_origin
+    from symid.report.robot_text import (
+        describe_base as describe_base,
+        describe_code as describe_code,
+        describe_derivation as describe_derivation,
+        describe_draft as describe_draft,
+        describe_export as describe_export,
+        show_base as show_base,
+        show_code as show_code,
+        show_derivation as show_derivation,
+        show_draft as show_draft,
+        show_export as show_export,
+        summarise_code as summarise_code,
+        summarise_draft as summarise_draft,
+        tabulate_base as tabulate_base,
+        write_base_latex as write_base_latex,
+        write_derivation_html as write_derivation_html,
+        write_derivation_latex as write_derivation_latex,
+    )
+    from symid.report.study_text import (
+        describe_elastic_study as describe_elastic_study,
+        describe_many_joints as describe_many_joints,
+        show_cutoff as show_cutoff,
+        show_elastic_study as show_elastic_study,
+        show_friction_tables as show_friction_tables,
+        show_many_joints as show_many_joints,
+        show_precision as show_precision,
+        show_tracking as show_tracking,
+    )
+    from symid.report.validation_text import (
+        describe_comparison as describe_comparison,
+        describe_diagnosis as describe_diagnosis,
+        describe_trial as describe_trial,
+        draw_trial as draw_trial,
+        show_comparison as show_comparison,
+        show_diagnosis as show_diagnosis,
+        show_trial as show_trial,
+        warn_comparison as warn_comparison,
+    )
+    from symid.report.verdict import FitVerdict as FitVerdict
+else:
+    from symid.lazy import load_names
+
+    __getattr__, __dir__, __all__ = load_names(__name__, __file__)

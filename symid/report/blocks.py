@@ -1,6 +1,6 @@
-"""What a result is told in: paragraphs, tables and figures, for a terminal and for a notebook.
+"""What a result is printed with: paragraphs, tables and figures, for a terminal and for a notebook.
 
-Input: texts, cells, drawings. Output: plain text, or HTML that needs nothing else.
+Texts, cells, drawings -> plain text, or HTML that needs nothing else.
 
 Supported: cells of text, numbers, truth values and None, which is an empty cell; figures as SVG, which a
 terminal leaves out.
@@ -13,9 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
-from symid.resources import find_resource_folder
-
-__all__ = ["Block", "Drawing", "Table", "format_table", "write_html", "write_svg", "write_text"]
+from symid.environment import locate_resource_folder
 
 _COLOURS = {
     "ink": "currentColor",
@@ -64,7 +62,7 @@ class Table:
 
     def __str__(self) -> str:
         """Return the table as it stands in a terminal."""
-        cells = [self.header, *(tuple(map(_show, row)) for row in self.rows)]
+        cells = [self.header, *(tuple(map(_format_cell, row)) for row in self.rows)]
         widths = [max(len(row[k]) for row in cells) for k in range(len(self.header))]
         lines = [
             "  ".join(
@@ -81,7 +79,11 @@ class Table:
         """Return the table as HTML."""
         columns = list(zip(*self.rows, strict=True)) or [()] * len(self.header)
         kinds = [
-            (' class="text long"' if max(map(len, map(_show, cells)), default=0) > _LONG else ' class="text"')
+            (
+                ' class="text long"'
+                if max(map(len, map(_format_cell, cells)), default=0) > _LONG
+                else ' class="text"'
+            )
             if k in self.left
             else ""
             for k, cells in enumerate(columns)
@@ -92,7 +94,8 @@ class Table:
         rows = "".join(
             "<tr>"
             + "".join(
-                f"<td{kind}>{html.escape(_show(cell))}</td>" for cell, kind in zip(row, kinds, strict=True)
+                f"<td{kind}>{html.escape(_format_cell(cell))}</td>"
+                for cell, kind in zip(row, kinds, strict=True)
             )
             + "</tr>"
             for row in self.rows
@@ -131,9 +134,9 @@ def write_text(blocks: Sequence[Block]) -> str:
 
 
 @cache
-def _find_style() -> str:
+def _load_style() -> str:
     """Return the style of tables, and of figures as pages have it, for what stands in an element `symid`."""
-    rules = (find_resource_folder("templates") / "report" / "figures.css").read_text(encoding="utf-8")
+    rules = (locate_resource_folder("templates") / "report" / "figures.css").read_text(encoding="utf-8")
     for name, colour in _COLOURS.items():
         rules = rules.replace(f"var(--{name})", colour)
     return f"<style>{_TABLES}{_SELECTOR.sub('.symid ', rules)}</style>"
@@ -160,7 +163,7 @@ def write_html(blocks: Sequence[Block], *, failed: bool = False) -> str:
                     f'<p class="head">{html.escape(head[1])}</p>' if head else f"<p>{html.escape(block)}</p>"
                 )
     kind = "symid fail" if failed else "symid"
-    return f'{_find_style()}<div class="{kind}">{"".join(parts)}</div>'
+    return f'{_load_style()}<div class="{kind}">{"".join(parts)}</div>'
 
 
 def write_svg(drawings: Sequence[Drawing]) -> str:
@@ -176,10 +179,10 @@ def write_svg(drawings: Sequence[Drawing]) -> str:
         )
         top, width = top + height, max(width, across)
     head = f'<svg class="symid" xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {top:g}">'
-    return f"{head}{_find_style()}{''.join(parts)}</svg>\n"
+    return f"{head}{_load_style()}{''.join(parts)}</svg>\n"
 
 
-def _show(value: object) -> str:
+def _format_cell(value: object) -> str:
     match value:
         case None:
             return ""

@@ -1,30 +1,307 @@
-"""Figures of lines as inline SVG: over time, over iterations, as curves in a plane.
+"""Figures as inline SVG: lines, curves, clouds with bands, histograms, intervals.
 
-Input: lines with labels and units. Output: one `<svg>` element, with title and description for readers that
-speak, in colours that hold on light and dark ground.
+Values with labels and units -> one `<svg>` element, with title and description for screen readers, in colours
+that hold on light and dark ground. The same input gives the same text.
 
-Supported: linear and logarithmic axes; at most 2000 points a line, thinned so that its shape stays.
-Not supported: values that are not finite; values on a logarithmic axis that are not positive are left out.
+Lines have at most 2000 points, thinned so that their shape stays: functions of one variable keep every peak,
+curves that turn back on themselves, such as hysteresis loops, keep their corners (Ramer 1972, Douglas and
+Peucker 1973).
+
+Supported: linear and logarithmic axes, names in place of a vertical axis; clouds and bands on linear axes,
+whose classes "cloud" and "area" the page must style.
+Not supported: values that are not finite; gaps in a line; values on a logarithmic axis that are not positive
+are left out.
 """
 
+import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from heapq import heappop, heappush
+from html import escape
+from itertools import pairwise
+
+import numpy as np
 
 from symid.arrays import FloatArray
-from symid.report.axes import (
-    Frame,
-    build_axis,
-    draw_axes,
-    draw_legend,
-    find_legend_height,
-    wrap_figure,
-    write_points,
+
+WIDTH = 860
+_RIGHT, _BOTTOM = 14, 46
+_CHARACTER = 6.7
+"""Width of a character of the legend on average, in the unit of the drawing."""
+_LEGEND_ROW = 19.0
+_SUPERSCRIPT = str.maketrans(
+    "-0123456789",
+    "\N{SUPERSCRIPT MINUS}\N{SUPERSCRIPT ZERO}\N{SUPERSCRIPT ONE}\N{SUPERSCRIPT TWO}\N{SUPERSCRIPT THREE}"
+    "\N{SUPERSCRIPT FOUR}\N{SUPERSCRIPT FIVE}\N{SUPERSCRIPT SIX}\N{SUPERSCRIPT SEVEN}"
+    "\N{SUPERSCRIPT EIGHT}\N{SUPERSCRIPT NINE}",
 )
-from symid.report.lines import Line, thin_curve, thin_line
 
-__all__ = ["build_curve_figure", "build_line_figure"]
 
-_HEIGHT, _CURVE_HEIGHT = 251.0, 420.0
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Axis:
+    """A range of values; along a logarithmic one equal ratios have equal lengths, a whole one counts."""
+
+    low: float
+    high: float
+    logarithmic: bool = False
+    whole: bool = False
+
+    def find_shares(self, values: FloatArray | float) -> FloatArray:
+        """Return where values lie between the ends: 0 at the low one, 1 at the high one."""
+        if self.logarithmic:
+            low, high = math.log10(self.low), math.log10(self.high)
+            return np.asarray((np.log10(values) - low) / (high - low), dtype=np.float64)
+        return np.asarray((values - self.low) / (self.high - self.low), dtype=np.float64)
+
+    def find_ticks(self, count: int) -> tuple[float, ...]:
+        """Return about `count` round numbers between the ends."""
+        if not self.logarithmic:
+            ticks = choose_ticks(self.low, self.high, count)
+            # Between two iterations there is none.
+            return tuple(tick for tick in ticks if tick == round(tick)) if self.whole else ticks
+        return _choose_decades(self.low, self.high, count)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlotArea:
+    """Maps data to the drawing area; `top` and `left` are its margins, `height` that of the whole figure."""
+
+    x: Axis
+    y: Axis
+    height: float = 270.0
+    top: float = 14.0
+    left: float = 74.0
+
+    @property
+    def bottom(self) -> float:
+        """Return where the horizontal axis lies."""
+        return self.height - _BOTTOM
+
+    @property
+    def right(self) -> float:
+        """Return where the drawing area ends."""
+        return float(WIDTH - _RIGHT)
+
+    def place_x(self, values: FloatArray | float) -> FloatArray:
+        """Return horizontal places in the drawing."""
+        return self.left + self.x.find_shares(values) * (self.right - self.left)
+
+    def place_y(self, values: FloatArray | float) -> FloatArray:
+        """Return vertical places in the drawing, which grow downwards."""
+        return self.bottom - self.y.find_shares(values) * (self.bottom - self.top)
+
+
+def build_axis(arrays: Sequence[FloatArray], margin: float, *, logarithmic: bool = False) -> Axis:
+    """Return the axis of all values of `arrays`, with `margin` as a part of its length on either side."""
+    low = min(float(np.min(array)) for array in arrays)
+    high = max(float(np.max(array)) for array in arrays)
+    if logarithmic:
+        # At least a factor of three, so that there is a tick to read.
+        middle, half = math.sqrt(low * high), max(math.sqrt(high / low), math.sqrt(3.0))
+        ratio = half ** (1.0 + 2.0 * margin)
+        return Axis(low=middle / ratio, high=middle * ratio, logarithmic=True)
+    if high - low <= 1e-12 * max(abs(low), abs(high)):
+        # A constant still needs an axis of some length.
+        half = 0.5 * max(abs(low), 1.0)
+        return Axis(low=low - half, high=high + half)
+    return Axis(low=low - margin * (high - low), high=high + margin * (high - low))
+
+
+def choose_ticks(low: float, high: float, count: int = 6) -> tuple[float, ...]:
+    """Return about `count` round numbers between `low` and `high`.
+
+    Their steps are 1, 2 or 5 times a power of ten.
+    """
+    raw = (high - low) / count
+    power = 10.0 ** math.floor(math.log10(raw))
+    step = next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= raw * (1 - 1e-9))
+    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+    return tuple(k * step for k in range(first, last + 1))
+
+
+def _choose_decades(low: float, high: float, count: int) -> tuple[float, ...]:
+    """Return powers of ten between `low` and `high`, every so many; with 2 and 5 times them where few."""
+    first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
+    inside = [power for power in range(first, last + 1) if low <= _power_of_ten(power) <= high]
+    if len(inside) > 2:
+        step = math.ceil(len(inside) / count)
+        return tuple(_power_of_ten(power) for power in inside if power % step == 0)
+    values = [factor * _power_of_ten(power) for power in range(first, last + 1) for factor in (1.0, 2.0, 5.0)]
+    return tuple(value for value in values if low <= value <= high)
+
+
+def _power_of_ten(power: int) -> float:
+    return float(f"1e{power}")
+
+
+def draw_axes(frame: PlotArea, labels: tuple[str, str], *, names: bool = False) -> list[str]:
+    """Return grid, numbers and labels; with `names` the rows are named elsewhere, and have no numbers."""
+    top, bottom, left, right = frame.top, frame.bottom, frame.left, frame.right
+    parts = []
+    for tick in frame.x.find_ticks(8):
+        x = frame.place_x(tick)
+        text = format_tick(tick, logarithmic=frame.x.logarithmic)
+        parts.append(f'<line class="grid" x1="{x:.1f}" y1="{top:g}" x2="{x:.1f}" y2="{bottom:g}"/>')
+        parts.append(f'<text x="{x:.1f}" y="{bottom + 17:g}" text-anchor="middle">{text}</text>')
+    for tick in () if names else frame.y.find_ticks(max(5, int((bottom - top) / 42))):
+        y = frame.place_y(tick)
+        text = format_tick(tick, logarithmic=frame.y.logarithmic)
+        parts.append(f'<line class="grid" x1="{left:g}" y1="{y:.1f}" x2="{right:g}" y2="{y:.1f}"/>')
+        parts.append(f'<text x="{left - 7:g}" y="{y + 4:.1f}" text-anchor="end">{text}</text>')
+    parts.append(f'<path class="axis" d="M{left:g},{top:g}V{bottom:g}H{right:g}"/>')
+    places = (
+        f'x="{(left + right) / 2:.0f}" y="{frame.height - 8:g}"',
+        f'transform="translate(16 {(top + bottom) / 2:.0f}) rotate(-90)"',
+    )
+    parts += [
+        f'<text {place} text-anchor="middle">{escape(label)}</text>'
+        for place, label in zip(places, labels, strict=True)
+        if label
+    ]
+    return parts
+
+
+def measure_legend(labels: Sequence[str]) -> float:
+    """Return how much the legend of `labels` needs above the drawing area."""
+    return _LEGEND_ROW * len(_break_legend(labels)) if len(labels) > 1 else 0.0
+
+
+def draw_legend(labels: Sequence[str], styles: Sequence[str]) -> list[str]:
+    """Return a legend in rows above the drawing area, flush right."""
+    parts = []
+    for row, indices in enumerate(_break_legend(labels)):
+        x = WIDTH - _RIGHT - sum(_measure_legend_entry(labels[index]) for index in indices)
+        y = 14.0 + _LEGEND_ROW * row
+        for index in indices:
+            ends = f'x1="{x:.0f}" y1="{y - 4:g}" x2="{x + 26:.0f}" y2="{y - 4:g}"'
+            parts.append(f'<line class="line {styles[index]}" {ends}/>')
+            parts.append(f'<text x="{x + 31:.0f}" y="{y:g}">{escape(labels[index])}</text>')
+            x += _measure_legend_entry(labels[index])
+    return parts
+
+
+def _measure_legend_entry(label: str) -> float:
+    return 31.0 + _CHARACTER * len(label) + 16.0
+
+
+def _break_legend(labels: Sequence[str]) -> list[list[int]]:
+    """Return which labels stand in which row."""
+    rows: list[list[int]] = [[]]
+    width = 0.0
+    for index, label in enumerate(labels):
+        need = _measure_legend_entry(label)
+        if rows[-1] and width + need > WIDTH - 90:
+            rows.append([])
+            width = 0.0
+        rows[-1].append(index)
+        width += need
+    return rows
+
+
+def format_tick(value: float, *, logarithmic: bool = False) -> str:
+    """Return a number as it stands at an axis."""
+    if logarithmic and not 1e-3 <= value < 1e4:
+        power = math.floor(math.log10(value) + 1e-9)
+        factor = value / _power_of_ten(power)
+        head = "10" if abs(factor - 1.0) < 1e-6 else f"{factor:g}\N{MULTIPLICATION SIGN}10"
+        return head + str(power).translate(_SUPERSCRIPT)
+    return f"{value:.6g}".replace("-", "\N{MINUS SIGN}") if abs(value) > 1e-300 else "0"
+
+
+def format_points(x: FloatArray, y: FloatArray) -> str:
+    """Return places in the drawing as the points of a polyline."""
+    return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
+
+
+def wrap_figure(title: str, description: str, height: float, body: Sequence[str]) -> str:
+    """Return the `<svg>` element, with title and description for readers that speak."""
+    head = (
+        f'<svg viewBox="0 0 {WIDTH} {height:g}" role="img" xmlns="http://www.w3.org/2000/svg">'
+        f"<title>{escape(title)}</title><desc>{escape(description)}</desc>"
+    )
+    return head + "".join(body) + "</svg>"
+
+
+STYLES = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh")
+"""Of lines of equal rank: told apart by colour and by dashes."""
+
+POINTS = 2000
+_INVISIBLE = 0.15
+"""Distance in the unit of the drawing below which nobody sees a corner."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Line:
+    """A line of a figure; `style` is a class of the page's style sheet, `markers` draws its points too."""
+
+    label: str
+    style: str
+    x: FloatArray
+    y: FloatArray
+    markers: bool = False
+
+
+def thin_line(x: FloatArray, y: FloatArray, points: int = POINTS) -> tuple[FloatArray, FloatArray]:
+    """Return at most `points` points that keep the smallest and largest value of every stretch."""
+    if len(x) <= points:
+        return x, y
+    edges = np.linspace(0, len(x), points // 2 + 1).astype(int)
+    kept: set[int] = set()
+    for start, end in pairwise(edges):
+        kept |= {int(start + np.argmin(y[start:end])), int(start + np.argmax(y[start:end]))}
+    index = np.array(sorted(kept))
+    return x[index], y[index]
+
+
+def thin_curve(
+    x: FloatArray, y: FloatArray, points: int = POINTS, invisible: float = _INVISIBLE
+) -> tuple[FloatArray, FloatArray]:
+    """Return at most `points` points of a curve, its corners first (Ramer 1972, Douglas and Peucker 1973).
+
+    Args:
+        x: (N,) horizontal places in the drawing.
+        y: (N,) vertical ones.
+        points: at most.
+        invisible: distance from the chord below which a point is left out in any case.
+    """
+    count = len(x)
+    if count <= 2:
+        return x, y
+    kept = {0, count - 1}
+    waiting: list[tuple[float, int, int, int]] = []
+    _push_farthest(waiting, x, y, (0, count - 1))
+    while waiting and len(kept) < points:
+        distance, middle, start, end = heappop(waiting)
+        if -distance < invisible:
+            break
+        kept.add(middle)
+        for part in ((start, middle), (middle, end)):
+            _push_farthest(waiting, x, y, part)
+    index = np.array(sorted(kept))
+    return x[index], y[index]
+
+
+def _push_farthest(
+    waiting: list[tuple[float, int, int, int]], x: FloatArray, y: FloatArray, part: Sequence[int]
+) -> None:
+    """Add the point between two others that lies farthest from their chord."""
+    start, end = part
+    if end - start < 2:
+        return
+    inner = slice(start + 1, end)
+    dx, dy = x[inner] - x[start], y[inner] - y[start]
+    along = np.array([x[end] - x[start], y[end] - y[start]])
+    length = float(np.hypot(*along))
+    if length > 0.0:
+        # Distance from the chord, not from the line through its ends: loops return to where they began.
+        share = np.clip((dx * along[0] + dy * along[1]) / length**2, 0.0, 1.0)
+        dx, dy = dx - share * along[0], dy - share * along[1]
+    distances = np.hypot(dx, dy)
+    farthest = int(np.argmax(distances))
+    heappush(waiting, (-float(distances[farthest]), start + 1 + farthest, start, end))
+
+
+_LINE_HEIGHT, _CURVE_HEIGHT = 251.0, 420.0
 
 
 def build_line_figure(
@@ -48,14 +325,14 @@ def build_line_figure(
     """
     if logarithmic:
         lines = [entry for entry in map(_keep_positive, lines) if len(entry.x)]
-    frame = _build_frame(lines, (0.03 if whole else 0.0, 0.05), _HEIGHT, logarithmic=logarithmic)
+    frame = _build_plot_area(lines, (0.03 if whole else 0.0, 0.05), _LINE_HEIGHT, logarithmic=logarithmic)
     if whole:
         frame = replace(frame, x=replace(frame.x, whole=True))
     body = draw_axes(frame, labels)
     for line in lines:
         x, y = thin_line(line.x, line.y)
         body += _draw_line(line, frame.place_x(x), frame.place_y(y))
-    return _finish(title, description, frame, body, lines)
+    return _finish_figure(title, description, frame, body, lines)
 
 
 def build_curve_figure(title: str, description: str, labels: tuple[str, str], lines: Sequence[Line]) -> str:
@@ -67,11 +344,11 @@ def build_curve_figure(title: str, description: str, labels: tuple[str, str], li
         labels: of the horizontal and the vertical axis, with units.
         lines: at least one, each with at least one point.
     """
-    frame = _build_frame(lines, (0.03, 0.05), _CURVE_HEIGHT)
+    frame = _build_plot_area(lines, (0.03, 0.05), _CURVE_HEIGHT)
     body = draw_axes(frame, labels)
     for line in lines:
         body += _draw_line(line, *thin_curve(frame.place_x(line.x), frame.place_y(line.y)))
-    return _finish(title, description, frame, body, lines)
+    return _finish_figure(title, description, frame, body, lines)
 
 
 def _keep_positive(line: Line) -> Line:
@@ -79,11 +356,11 @@ def _keep_positive(line: Line) -> Line:
     return replace(line, x=line.x[kept], y=line.y[kept])
 
 
-def _build_frame(
+def _build_plot_area(
     lines: Sequence[Line], margins: tuple[float, float], height: float, *, logarithmic: bool = False
-) -> Frame:
-    above = find_legend_height([line.label for line in lines])
-    return Frame(
+) -> PlotArea:
+    above = measure_legend([line.label for line in lines])
+    return PlotArea(
         x=build_axis([line.x for line in lines], margins[0]),
         y=build_axis([line.y for line in lines], margins[1], logarithmic=logarithmic),
         height=height + above,
@@ -93,7 +370,7 @@ def _build_frame(
 
 def _draw_line(line: Line, x: FloatArray, y: FloatArray) -> list[str]:
     """Return the line through places in the drawing."""
-    parts = [f'<polyline class="line {line.style}" points="{write_points(x, y)}"/>']
+    parts = [f'<polyline class="line {line.style}" points="{format_points(x, y)}"/>']
     if line.markers:
         parts += [
             f'<circle class="mark {line.style}" cx="{a:.1f}" cy="{b:.1f}" r="3.2"/>'
@@ -102,7 +379,207 @@ def _draw_line(line: Line, x: FloatArray, y: FloatArray) -> list[str]:
     return parts
 
 
-def _finish(title: str, description: str, frame: Frame, body: list[str], lines: Sequence[Line]) -> str:
+def _finish_figure(
+    title: str, description: str, frame: PlotArea, body: list[str], lines: Sequence[Line]
+) -> str:
     if len(lines) > 1:
         body += draw_legend([line.label for line in lines], [line.style for line in lines])
     return wrap_figure(title, description, frame.height, body)
+
+
+_CLOUD_HEIGHT = 330.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Cloud:
+    """Samples that no line joins."""
+
+    label: str
+    x: FloatArray
+    y: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Band:
+    """The area between two curves over rising x."""
+
+    label: str
+    x: FloatArray
+    low: FloatArray
+    high: FloatArray
+
+
+def build_cloud_figure(
+    title: str,
+    description: str,
+    labels: tuple[str, str],
+    *,
+    clouds: Sequence[Cloud] = (),
+    bands: Sequence[Band] = (),
+    lines: Sequence[Line] = (),
+) -> str:
+    """Return bands, samples above them, curves above both.
+
+    Args:
+        title: what is shown.
+        description: the same in a sentence, for readers that speak.
+        labels: of the horizontal and the vertical axis, with units.
+        clouds: samples.
+        bands: areas.
+        lines: curves; at least one of all three, each with at least one point.
+    """
+    entries = [
+        *((cloud.label, "cloud") for cloud in clouds),
+        *((band.label, "band") for band in bands),
+        *((line.label, line.style) for line in lines),
+    ]
+    above = measure_legend([label for label, _ in entries])
+    across = [cloud.x for cloud in clouds] + [band.x for band in bands] + [line.x for line in lines]
+    heights = [cloud.y for cloud in clouds] + [line.y for line in lines]
+    heights += [side for band in bands for side in (band.low, band.high)]
+    frame = PlotArea(
+        x=build_axis(across, 0.02),
+        y=build_axis(heights, 0.04),
+        height=_CLOUD_HEIGHT + above,
+        top=14.0 + above,
+    )
+    body = draw_axes(frame, labels)
+    body += [_draw_band(frame, band) for band in bands]
+    body += [_draw_cloud(frame, cloud) for cloud in clouds]
+    for line in lines:
+        x, y = thin_curve(frame.place_x(line.x), frame.place_y(line.y))
+        body.append(f'<polyline class="line {line.style}" points="{format_points(x, y)}"/>')
+    if len(entries) > 1:
+        body += draw_legend([label for label, _ in entries], [style for _, style in entries])
+    return wrap_figure(title, description, frame.height, body)
+
+
+def _draw_band(frame: PlotArea, band: Band) -> str:
+    x = frame.place_x(band.x)
+    there, back = (
+        format_points(x, frame.place_y(band.high)),
+        format_points(x[::-1], frame.place_y(band.low)[::-1]),
+    )
+    return f'<polygon class="area" points="{there} {back}"/>'
+
+
+def _draw_cloud(frame: PlotArea, cloud: Cloud) -> str:
+    """Return all samples as one path of lines without length, which round caps make dots."""
+    places = zip(frame.place_x(cloud.x), frame.place_y(cloud.y), strict=True)
+    return f'<path class="line cloud" d="{"".join(f"M{x:.1f},{y:.1f}h0" for x, y in places)}"/>'
+
+
+_HISTOGRAM_HEIGHT = 270.0
+_INTERVAL_ROW = 34.0
+_LOGARITHMIC_RATIO = 8.0
+"""Ratio of the largest to the smallest value from which on the axis is logarithmic."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Interval:
+    """A value, or the median of several with their 90th percentile.
+
+    Args:
+        label: of what.
+        middle: the value, or the median.
+        high: the 90th percentile, None for a single value.
+        text: the figures as they stand next to the mark.
+        chosen: whether it is to stand out.
+    """
+
+    label: str
+    middle: float
+    high: float | None = None
+    text: str = ""
+    chosen: bool = False
+
+
+def build_histogram(
+    title: str, description: str, labels: tuple[str, str], values: FloatArray, *, bins: int = 41
+) -> str:
+    """Return how often values occur, with the normal distribution of the same mean and deviation.
+
+    Args:
+        title: what is shown.
+        description: the same in a sentence, for readers that speak.
+        labels: of the horizontal and the vertical axis, with units.
+        values: (N,), at least one.
+        bins: how many of equal width.
+    """
+    axis = build_axis([values], 0.0)
+    low, high = axis.low, axis.high
+    counts, edges = np.histogram(values, bins=bins, range=(low, high))
+    x = np.linspace(low, high, 201)
+    mean, deviation = float(np.mean(values)), float(np.std(values))
+    width = (high - low) / bins
+    normal = np.zeros_like(x)
+    if deviation > 0.0:
+        scale = len(values) * width / (deviation * math.sqrt(2.0 * math.pi))
+        normal = scale * np.exp(-0.5 * ((x - mean) / deviation) ** 2)
+    largest = max(float(counts.max()), float(normal.max()), 1.0)
+    frame = PlotArea(x=axis, y=Axis(low=0.0, high=1.05 * largest), height=_HISTOGRAM_HEIGHT)
+    body = draw_axes(frame, labels)
+    for count, (left, right) in zip(counts, pairwise(edges), strict=True):
+        start, top = frame.place_x(left), frame.place_y(float(count))
+        size = f'width="{frame.place_x(right) - start:.1f}" height="{frame.place_y(0.0) - top:.1f}"'
+        body.append(f'<rect class="bar" x="{start:.1f}" y="{top:.1f}" {size}/>')
+    points = format_points(frame.place_x(x), frame.place_y(normal))
+    body.append(f'<polyline class="line predicted" points="{points}"/>')
+    return wrap_figure(title, description, frame.height, body)
+
+
+def build_interval_figure(title: str, description: str, label: str, intervals: Sequence[Interval]) -> str:
+    """Return values in rows, a mark for each value or median and a line to its 90th percentile.
+
+    Marks, not bars, because the axis is logarithmic where the values differ by more than a factor.
+
+    Args:
+        title: what is shown.
+        description: the same in a sentence, for readers that speak.
+        label: of the horizontal axis, with its unit.
+        intervals: at least one, from top to bottom.
+    """
+    ends = np.array(
+        [value for entry in intervals for value in (entry.middle, entry.high) if value is not None]
+    )
+    logarithmic = bool(ends.min() > 0.0 and ends.max() / ends.min() > _LOGARITHMIC_RATIO)
+    axis = build_axis([ends] if logarithmic else [np.append(ends, 0.0)], 0.04, logarithmic=logarithmic)
+    left = 24.0 + 7.0 * max(len(entry.label) for entry in intervals)
+    # The figures stand right of the marks and need room even there.
+    room = 18.0 + 6.7 * max(len(entry.text) for entry in intervals)
+    axis = _widen(axis, room / (WIDTH - left - room))
+    height = 60.0 + _INTERVAL_ROW * len(intervals)
+    frame = PlotArea(x=axis, y=Axis(low=float(len(intervals)), high=0.0), height=height, left=left)
+    body = draw_axes(frame, (label, ""), names=True)
+    for row, entry in enumerate(intervals):
+        body += _draw_interval(frame, float(frame.place_y(row + 0.5)), entry)
+    return wrap_figure(title, description, height, body)
+
+
+def _widen(axis: Axis, share: float) -> Axis:
+    """Return the axis, longer at its high end by a part of its length."""
+    if axis.logarithmic:
+        high = axis.high * (axis.high / axis.low) ** share
+    else:
+        high = axis.high + share * (axis.high - axis.low)
+    return Axis(low=axis.low, high=high, logarithmic=axis.logarithmic)
+
+
+def _draw_interval(frame: PlotArea, y: float, entry: Interval) -> list[str]:
+    style = "chosen" if entry.chosen else "other"
+    x = float(frame.place_x(entry.middle))
+    end = x
+    place = f'x="{frame.left - 9:g}" y="{y + 4:.1f}" text-anchor="end"'
+    parts = [
+        f'<line class="grid" x1="{frame.left:g}" y1="{y:.1f}" x2="{frame.right:g}" y2="{y:.1f}"/>',
+        f'<text class="{style}" {place}>{escape(entry.label)}</text>',
+    ]
+    if entry.high is not None:
+        end = float(frame.place_x(entry.high))
+        path = f"M{x:.1f},{y:.1f}H{end:.1f}M{end:.1f},{y - 6:.1f}V{y + 6:.1f}"
+        parts.append(f'<path class="whisker {style}" d="{path}"/>')
+    parts.append(f'<circle class="mark {style}" cx="{x:.1f}" cy="{y:.1f}" r="5.5"/>')
+    parts.append(
+        f'<text class="{style}" x="{max(x, end) + 12:.1f}" y="{y + 4:.1f}">{escape(entry.text)}</text>'
+    )
+    return parts

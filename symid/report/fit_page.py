@@ -1,42 +1,100 @@
-"""The page of a fit with the logs that it was tried on: gathers what the pages of each kind show.
+"""What a fit is worth, its figures, and its page with the logs that it was tried on.
 
-Input: a robot, an estimate, held-out logs. Output: a page, and what a reader must know.
+Estimate -> `FitVerdict`, drawings for a notebook; robot, estimate, held-out logs -> page, and what a reader
+must know.
 
 Supported: estimates of rigid and elastic robots, results of friction (whose laws were tried when chosen).
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from symid.codegen.library import Library
-from symid.data.checks import check_recording
-from symid.data.logs import gather_recordings
-from symid.data.recording import Recording
-from symid.elastic.estimate import ElasticEstimate
-from symid.elastic.motor_side import build_rigid_estimate, build_rigid_variant
-from symid.elastic.settings import check_settings, cut_logs, find_asked_cutoff
-from symid.elastic.storage import check_elastic_model
-from symid.elastic.torsion import prepare_aligned
-from symid.elastic.trial import try_estimate
+from symid.codegen import Library
 from symid.errors import Notice, UsageError
-from symid.estimators.estimate import Estimate, Validation
-from symid.friction.results import FrictionIdentification
-from symid.identification.diagnosis import Diagnosis
-from symid.identification.fitted_processing import find_overlap, find_usable_window
-from symid.identification.fitted_robot import restore_robot
-from symid.identification.validate import check_model, validate_estimate
-from symid.report.elastic import ElasticExtras, write_elastic_report
-from symid.report.friction import write_friction_report
-from symid.report.identification import write_report
-from symid.report.origin import describe_origin
-from symid.robot.description import Robot
-from symid.tasks.diagnose import diagnose_fit
-from symid.tasks.identify import Workshop
+from symid.identification import TaskContext, diagnose_fit
+from symid.identification.elastic import (
+    ElasticEstimate,
+    build_rigid_estimate,
+    build_rigid_variant,
+    check_elastic_model,
+    check_settings,
+    cut_logs,
+    evaluate_elastic,
+    get_asked_cutoff,
+    prepare_aligned,
+)
+from symid.identification.estimators import Estimate, Validation
+from symid.identification.friction import FrictionIdentification
+from symid.identification.rigid import (
+    Diagnosis,
+    check_rigid_model,
+    get_fit_overlap,
+    get_usable_window,
+    restore_robot,
+    validate_estimate,
+)
+from symid.logs import Recording, check_recording, read_recordings
+from symid.report.blocks import Drawing
+from symid.report.elastic_page import ElasticExtras, build_spring_section, write_elastic_report
+from symid.report.figures import Interval, build_interval_figure
+from symid.report.friction_page import build_friction_figure, judge_friction, write_friction_report
+from symid.report.identification_page import write_identification_report
+from symid.report.pages import describe_origin, format_digits
+from symid.report.verdict import FitVerdict, judge_elastic, judge_identification
+from symid.robot import Robot
 
-__all__ = ["Known", "Page", "PageRequest", "write_elastic_page", "write_friction_page", "write_rigid_page"]
+_MOST_PARAMETERS = 12
+"""Parameters in the figure of the least certain ones."""
 
-Known = tuple[Robot, Workshop]
+
+def judge_fit(estimate: Estimate | ElasticEstimate | FrictionIdentification) -> FitVerdict:
+    """Return what a fit is worth, judged by its own logs alone."""
+    match estimate:
+        case Estimate():
+            return judge_identification(estimate, ())
+        case ElasticEstimate():
+            return judge_elastic(estimate, ())
+        case FrictionIdentification():
+            return judge_friction(estimate)
+
+
+def draw_fit(estimate: Estimate | ElasticEstimate | FrictionIdentification) -> tuple[Drawing, ...]:
+    """Return the least certain parameters; of elastic joints the springs, of friction its curves."""
+    match estimate:
+        case Estimate():
+            return _draw_deviations(estimate)
+        case ElasticEstimate():
+            springs = (build_spring_section(entry) for entry in estimate.springs if entry.told)
+            return tuple(Drawing(entry.branches, f"{entry.joint}: torque over torsion") for entry in springs)
+        case FrictionIdentification():
+            return tuple(
+                Drawing(build_friction_figure(entry), f"{entry.joint}: {entry.estimate.law}")
+                for entry in estimate.joints
+            )
+
+
+def _draw_deviations(estimate: Estimate) -> tuple[Drawing, ...]:
+    known = [entry for entry in estimate.parameters if 0.0 < entry.relative_std_percent < math.inf]
+    least = sorted(known, key=lambda entry: -entry.relative_std_percent)[:_MOST_PARAMETERS]
+    if not least:
+        return ()
+    intervals = [
+        Interval(
+            label=entry.name,
+            middle=entry.relative_std_percent,
+            text=f"{format_digits(entry.relative_std_percent)} %",
+        )
+        for entry in least
+    ]
+    title = f"{estimate.robot}: least certain parameters"
+    words = "Standard deviations of the parameters that are known worst, in percent of their values."
+    figure = build_interval_figure(title, words, "relative standard deviation (%)", intervals)
+    return (Drawing(figure, title),)
+
+
+KnownRobot = tuple[Robot, TaskContext]
 """A robot as read, and what long work with it needs."""
 
 
@@ -88,7 +146,7 @@ class Page:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Scene:
+class _LoadedLogs:
     """A library and recordings, with what a page says of them."""
 
     library: Library
@@ -97,13 +155,13 @@ class _Scene:
     origin: tuple[str, ...]
 
 
-def _set_scene(robot: Robot, logs: Sequence[Path | Recording], workshop: Workshop) -> _Scene:
-    recordings = gather_recordings(logs, robot)
+def _load_logs(robot: Robot, logs: Sequence[Path | Recording], workshop: TaskContext) -> _LoadedLogs:
+    recordings = read_recordings(logs, robot)
     library = workshop.prepare(robot)
     notices = (*robot.notices, *library.notices)
     for recording in recordings:
         notices += (*recording.notices, *check_recording(recording, robot))
-    return _Scene(
+    return _LoadedLogs(
         library=library,
         recordings=recordings,
         notices=notices,
@@ -112,7 +170,7 @@ def _set_scene(robot: Robot, logs: Sequence[Path | Recording], workshop: Worksho
 
 
 def write_rigid_page(
-    path: Path, estimate: Estimate, request: PageRequest, known: Known | None = None
+    path: Path, estimate: Estimate, request: PageRequest, known: KnownRobot | None = None
 ) -> Page:
     """Write the page of an estimate of base parameters.
 
@@ -129,21 +187,21 @@ def write_rigid_page(
     """
     validations: tuple[Validation, ...] = ()
     diagnosis: Diagnosis | None = None
-    scene: _Scene | None = None
+    scene: _LoadedLogs | None = None
     if known is not None and (request.logs or request.diagnose):
         robot, workshop = known
         described = restore_robot(robot, estimate, request.pairs)
         # What was identified as rigid is tried as rigid, whatever the robot file says of its joints.
         rigid = build_rigid_variant(described)
         tried = build_rigid_estimate(estimate, described)
-        scene = _set_scene(rigid, request.logs, workshop)
-        check_model(tried, scene.library.card, request.file)
+        scene = _load_logs(rigid, request.logs, workshop)
+        check_rigid_model(tried, scene.library.card, request.file)
         validations = _validate(tried, scene.library, scene.recordings, rigid, workshop)
         if request.diagnose:
             diagnosis = diagnose_fit(robot, estimate, workshop)
     notices = (*(scene.notices if scene else ()), *(diagnosis.notices if diagnosis else ()))
     origin = scene.origin if scene else ()
-    written = write_report(path, estimate, validations, notices, origin, diagnosis=diagnosis)
+    written = write_identification_report(path, estimate, validations, notices, origin, diagnosis=diagnosis)
     settled = [(entry.source, entry.processing) for entry in validations if entry.processing is not None]
     return Page(
         file=written,
@@ -161,13 +219,13 @@ def _validate(
     library: Library,
     recordings: Sequence[Recording],
     robot: Robot,
-    workshop: Workshop,
+    workshop: TaskContext,
 ) -> tuple[Validation, ...]:
     """Return what the estimate explains of each log, in the rows of the fit: like residuals compare."""
     found = []
     for recording in recordings:
         workshop.progress(f"validating on {recording.source}")
-        window, notices = find_usable_window(estimate.settings, recording)
+        window, notices = get_usable_window(estimate.settings, recording)
         tried = validate_estimate(
             estimate,
             library,
@@ -175,14 +233,14 @@ def _validate(
             robot.processing,
             rows=estimate.rows,
             window=window,
-            overlap=find_overlap(estimate.settings),
+            overlap=get_fit_overlap(estimate.settings),
         )
         found.append(replace(tried, notices=(*notices, *tried.notices)))
     return tuple(found)
 
 
 def write_elastic_page(
-    path: Path, estimate: ElasticEstimate, request: PageRequest, known: Known | None = None
+    path: Path, estimate: ElasticEstimate, request: PageRequest, known: KnownRobot | None = None
 ) -> Page:
     """Write the page of an estimate of elastic joints.
 
@@ -204,15 +262,15 @@ def write_elastic_page(
     if request.logs and known is not None:
         robot, workshop = known
         described = restore_robot(robot, estimate, request.pairs)
-        scene = _set_scene(described, request.logs, workshop)
+        scene = _load_logs(described, request.logs, workshop)
         check_elastic_model(estimate, scene.library.card, request.file)
         count = f"{len(scene.recordings)} log{'s'[: len(scene.recordings) > 1]}"
         workshop.progress(f"trying the model on {count}")
         kept = cut_logs(scene.recordings, described.processing)
         moved, _, told = prepare_aligned(scene.library, kept)
         told += tuple(notice for entry in kept for notice in entry.notices if notice.code == "log.cut")
-        cutoff = find_asked_cutoff(described, request.pairs)
-        trials = tuple(try_estimate(estimate, scene.library, entry, cutoff=cutoff) for entry in moved)
+        cutoff = get_asked_cutoff(described, request.pairs)
+        trials = tuple(evaluate_elastic(estimate, scene.library, entry, cutoff=cutoff) for entry in moved)
         extras = ElasticExtras(trials=trials, notices=(*scene.notices, *told), origin=scene.origin)
     written = write_elastic_report(path, estimate, extras)
     return Page(

@@ -1,68 +1,81 @@
-"""What an estimate explains of a log: tables for people, an object for programs, figures for a notebook.
+"""What a fit is tested by: held-out logs, a diagnosis, values of others, as text and as objects.
 
-Input: `RigidTrial`, `ElasticOutcome`, `FrictionTrial`. Output: blocks, dictionaries.
+`RigidTrial`, `ElasticOutcome`, `FrictionTrial`, `Diagnosis`, `Compared` -> blocks, dictionaries, figures
+for a notebook, warnings.
 """
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from typing import TYPE_CHECKING
 
-from symid.elastic.trial import ElasticTrial
+from symid.environment import show_path
+from symid.errors import Notice
+from symid.identification import (
+    AnyValidation,
+    ElasticValidation,
+    FrictionValidation,
+    RigidValidation,
+    TrackingComparison,
+)
+from symid.identification.elastic import ElasticTrial
 from symid.report.blocks import Block, Drawing, format_table
-from symid.report.elastic_loops import build_trial
-from symid.report.elastic_text import describe_alignment
-from symid.report.estimate_text import (
+from symid.report.elastic_page import build_trial_section
+from symid.report.fit_text import (
+    describe_alignment,
     describe_band,
     describe_residual,
     describe_validation,
     show_band,
     show_residual,
 )
-from symid.report.identification import draw_joint
-from symid.robot.description import Robot
-from symid.tasks.validate import ElasticOutcome, FrictionTrial, RigidTrial, Tracking, Trial
+from symid.report.identification_page import draw_joint_prediction
+from symid.robot import Robot
 
-__all__ = ["describe_trial", "draw_trial", "show_trial"]
+if TYPE_CHECKING:
+    from symid.dynamics import OpenReading
+    from symid.identification import Compared, EstimateSide
+    from symid.identification.rigid import Diagnosis, TriedReading
 
 
-def show_trial(found: Trial) -> tuple[Block, ...]:
+def show_trial(found: AnyValidation) -> tuple[Block, ...]:
     """Return a headline, and tables of residuals."""
     match found:
-        case RigidTrial():
+        case RigidValidation():
             return _show_rigid(found)
-        case FrictionTrial():
+        case FrictionValidation():
             return _show_friction(found)
-        case ElasticOutcome():
+        case ElasticValidation():
             followed = () if found.tracking is None else _show_tracking(found.robot, found.tracking)
             return (*_show_elastic(found.robot, found.trial), *followed)
 
 
-def describe_trial(found: Trial) -> dict[str, object]:
+def describe_trial(found: AnyValidation) -> dict[str, object]:
     """Return the trial as `symid validate --json` gives it, but for the gate."""
     match found:
-        case RigidTrial():
+        case RigidValidation():
             return {
                 **describe_validation(found.validation),
                 **({} if found.band is None else {"band": describe_band(found.band)}),
                 "processing": {**asdict(found.settled.processing), "origin": dict(found.settled.origin)},
             }
-        case FrictionTrial():
+        case FrictionValidation():
             return {**describe_validation(found.validation), "laws": dict(found.laws)}
-        case ElasticOutcome():
+        case ElasticValidation():
             return _describe_elastic(found)
 
 
-def draw_trial(found: Trial) -> tuple[Drawing, ...]:
+def draw_trial(found: AnyValidation) -> tuple[Drawing, ...]:
     """Return measured and predicted torques against time; of elastic joints torque over torsion."""
-    if isinstance(found, ElasticOutcome):
-        section = build_trial(found.trial)
+    if isinstance(found, ElasticValidation):
+        section = build_trial_section(found.trial)
         return tuple(
             Drawing(entry.loops, f"{entry.joint}: joint torque over torsion") for entry in section.joints
         )
-    drawn = (draw_joint(series, found.validation.rows) for series in found.validation.series)
+    drawn = (draw_joint_prediction(series, found.validation.rows) for series in found.validation.series)
     return tuple(Drawing(entry.prediction, f"{entry.joint}: measured and predicted") for entry in drawn)
 
 
-def _show_rigid(found: RigidTrial) -> tuple[Block, ...]:
+def _show_rigid(found: RigidValidation) -> tuple[Block, ...]:
     """Return the headline with the processing, and the table of residuals."""
     kind = " (joints taken as rigid)" if any(found.robot.elastic) else ""
     within = "" if found.band is None else f" within {found.band.band:g} Hz"
@@ -74,7 +87,7 @@ def _show_rigid(found: RigidTrial) -> tuple[Block, ...]:
     return (f"{headline}\n{found.settled.tell()}", table)
 
 
-def _show_friction(found: FrictionTrial) -> tuple[Block, ...]:
+def _show_friction(found: FrictionValidation) -> tuple[Block, ...]:
     """Return the headline, and the table of residuals with the laws."""
     validation = found.validation
     rows = [
@@ -120,7 +133,7 @@ def _list_joints(robot: Robot) -> tuple[list[str], list[str]]:
     return [joint.name for joint in robot.axes], units
 
 
-def _show_tracking(robot: Robot, tracking: Tracking) -> tuple[Block, ...]:
+def _show_tracking(robot: Robot, tracking: TrackingComparison) -> tuple[Block, ...]:
     """Return the table of tracking errors, root mean square and peak of each joint."""
     rows = [
         [joint, run.name, 1e3 * float(run.rms[index]), 1e3 * float(run.peak[index]), f"m{unit}"]
@@ -135,7 +148,7 @@ def _show_tracking(robot: Robot, tracking: Tracking) -> tuple[Block, ...]:
     return (head, format_table(header, rows, left=(0, 1, 4)))
 
 
-def _describe_elastic(found: ElasticOutcome) -> dict[str, object]:
+def _describe_elastic(found: ElasticValidation) -> dict[str, object]:
     trial, (joints, _) = found.trial, _list_joints(found.robot)
     return {
         "robot": found.estimate.robot,
@@ -153,7 +166,7 @@ def _describe_elastic(found: ElasticOutcome) -> dict[str, object]:
     }
 
 
-def _describe_tracking(robot: Robot, tracking: Tracking) -> dict[str, object]:
+def _describe_tracking(robot: Robot, tracking: TrackingComparison) -> dict[str, object]:
     joints: tuple[Sequence[str], Sequence[str]] = _list_joints(robot)
     return {
         "trajectory": tracking.trajectory.source,
@@ -173,3 +186,361 @@ def _describe_tracking(robot: Robot, tracking: Tracking) -> dict[str, object]:
             for run in tracking.runs
         ],
     }
+
+
+def describe_diagnosis(diagnosis: "Diagnosis") -> dict[str, object]:
+    """Return the diagnosis as `symid report --diagnose --json` gives it."""
+    essential, bootstrap, drift = diagnosis.essential, diagnosis.bootstrap, diagnosis.drift
+    return {
+        "singular_values": list(diagnosis.singular),
+        "rank": diagnosis.rank,
+        "refit": None if diagnosis.refit is None else {"largest_difference_stds": diagnosis.refit},
+        "correlated": [
+            {"parameters": [first, second], "correlation": value}
+            for first, second, value in diagnosis.correlated
+        ],
+        "essential": {
+            "kept": list(essential.kept),
+            "dropped": [
+                {"name": entry.name, "deviations": entry.ratio, "price_percent": entry.price_percent}
+                for entry in essential.dropped
+            ],
+            "price_percent": essential.price_percent,
+        },
+        "bootstrap": {
+            "blocks": bootstrap.blocks,
+            "replicates": bootstrap.replicates,
+            "parameters": [
+                {"name": name, "std": std, "low": low, "high": high}
+                for name, std, low, high in zip(
+                    bootstrap.names,
+                    bootstrap.deviations.tolist(),
+                    bootstrap.low.tolist(),
+                    bootstrap.high.tolist(),
+                    strict=True,
+                )
+            ],
+        },
+        "drift": {
+            "compared": drift.compared,
+            "changed": [
+                {"name": entry.name, "values": entry.values, "stds": entry.deviations, "chance": entry.chance}
+                for entry in drift.changed
+            ],
+        },
+        "structure": [
+            {
+                "joint": entry.joint,
+                "follows": entry.family,
+                "share_percent": entry.share_percent,
+                "rms": entry.rms,
+                "unit": entry.unit,
+                "advice": entry.advice,
+            }
+            for entry in diagnosis.structure
+        ],
+        "prices": [
+            {"what": entry.what, "of": entry.of, "percent": entry.percent} for entry in diagnosis.prices
+        ],
+    }
+
+
+def show_diagnosis(diagnosis: "Diagnosis") -> tuple[Block, ...]:
+    """Return the diagnosis in a few sentences and a table of what the residual follows."""
+    essential, drift = diagnosis.essential, diagnosis.drift
+    whole = len(essential.kept) + len(essential.dropped)
+    needed = (
+        f"{len(essential.kept)} of {whole} parameters are essential; without the others the residual grows "
+        f"by {essential.price_percent:.2g} %"
+    )
+    lines = [f"{diagnosis.rank} of {len(diagnosis.singular)} directions are seen", needed]
+    if diagnosis.refit is not None:
+        lines.append(f"fitted again, the logs give the estimate to {diagnosis.refit:.1g} standard deviations")
+    if len(drift.runs) > 1:
+        lines.append(f"{len(drift.changed)} of {drift.compared} parameters differ between the logs")
+    lines += [f"price of {entry.what}: {entry.percent:+.3g} % {entry.of}" for entry in diagnosis.prices]
+    if diagnosis.structure:
+        rows = [
+            [entry.joint, entry.family, f"{entry.share_percent:.3g}", entry.rms, entry.unit]
+            for entry in diagnosis.structure
+        ]
+        table = format_table(("joint", "residual follows", "share/%", "rms", "unit"), rows, left=(0, 1, 4))
+        return ("\n".join(lines), table)
+    return ("\n".join(lines),)
+
+
+_WIDTH = 44
+_TINY = 1e-12
+_TOO_SURE = 0.999
+_LIMITS = ((2.0, 0.9545), (3.0, 0.9973))
+"""Numbers of deviations, and the share of normal errors within them."""
+
+
+def show_comparison(ours: "EstimateSide", others: Sequence["Compared"]) -> tuple[Block, ...]:
+    """Return for each other the table, counts, chi-square, the largest differences; others stand apart."""
+    first, *rest = (_show_compared(ours, found) for found in others)
+    return (*first, *(part for (head, *parts) in rest for part in (f"\n{head}", *parts)))
+
+
+def _show_compared(ours: "EstimateSide", found: "Compared") -> tuple[Block, ...]:
+    other, comparison = found.other, found.comparison
+    columns = "" if other.columns is None else f", column {other.columns.value!r}"
+    read = any(entry.read_as for entry in found.groups)
+    rows = [
+        [
+            _shorten(value.group),
+            _format_value(value.theirs),
+            _format_value(value.theirs_std),
+            _format_value(value.ours),
+            _format_value(value.ours_std),
+            _format_value(value.deviations, _choose_form(value.deviations, "+.2f")),
+            *([_shorten(value.read_as)] if read else []),
+        ]
+        for value in found.values
+    ]
+    header = ["group", "other", "std", "ours", "std", "in std", *(["read as"] if read else [])]
+    farthest = [_describe_difference(found, k) for k in comparison.list_farthest()]
+    return (
+        f"{ours.identified.robot.name}: {show_path(ours.source)} beside {show_path(other.source)}{columns}",
+        format_table(header, rows, left=(0, 6)),
+        "\n".join(_summarise_agreement(found)),
+        *(["largest differences\n" + "\n".join(f"  {text}" for text in farthest)] if farthest else []),
+        "\n".join(_list_left_out(found)),
+    )
+
+
+def _shorten(text: str) -> str:
+    return text if len(text) <= _WIDTH else f"{text[: _WIDTH - 3]}..."
+
+
+def _format_value(value: float, form: str = ".5g") -> str:
+    return format(value, form) if _is_known(value) else "-"
+
+
+def _choose_form(value: float, form: str) -> str:
+    """Return the form of a number of deviations: beyond a hundred thousand its size is enough."""
+    return form if abs(value) < 1e5 else "+.2e" if form.startswith("+") else ".2e"
+
+
+def _format_deviations(value: float) -> str:
+    return format(abs(value), _choose_form(value, ".1f"))
+
+
+def _is_known(value: float) -> bool:
+    # NaN, what is not known, is not itself.
+    return bool(value == value)  # noqa: PLR0124
+
+
+def _summarise_agreement(found: "Compared") -> list[str]:
+    """Return how many groups agree, and chi-square."""
+    comparison = found.comparison
+    judged = comparison.judged
+    if not judged:
+        return ["no deviation is known on either side: nothing can be judged"]
+    counts = [
+        f"{comparison.count_within(limit)} of {judged} within {limit:g} deviations "
+        f"({share * judged:.0f} expected)"
+        for limit, share in _LIMITS
+    ]
+    lines = [", ".join(counts)]
+    total = comparison.chi_square
+    if total is None:
+        return [*lines, "no chi-square: the covariances make some combination exact"]
+    text = f"chi-square {_format_deviations(total.value)} over {total.freedom} groups"
+    if found.other.shared:
+        text += "; with logs in common it has no probability"
+    else:
+        text += (
+            f", probability {total.chance:.2g}" if total.chance > _TINY else f", probability below {_TINY:g}"
+        )
+        if total.chance > _TOO_SURE:
+            text += "; that is less than independent errors give: both may come from the same log"
+    if total.stretch > 1.0:
+        text += f"; it would be as expected with deviations {total.stretch:.2g} times as large"
+    return [*lines, text]
+
+
+def _describe_difference(found: "Compared", place: int) -> str:
+    """Return a difference in words."""
+    comparison = found.comparison
+    away = float(comparison.deviations[place])
+    ours, theirs = float(comparison.ours.values[place]), float(comparison.theirs.values[place])
+    share = f" ({100.0 * (ours - theirs) / abs(theirs):+.3g} %)" if theirs else ""
+    side = "above" if away > 0 else "below"
+    return (
+        f"{_shorten(found.groups[place].text)}: ours {ours:.4g} is {_format_deviations(away)} deviations "
+        f"{side} the other's {theirs:.4g}{share}"
+    )
+
+
+def _list_left_out(found: "Compared") -> list[str]:
+    """Return what one side has and the other has not."""
+    lines = []
+    if found.absent:
+        lines.append(f"ours, not in the other: {', '.join(found.absent)}")
+    if found.neither:
+        lines.append(f"in neither: {', '.join(found.neither)}")
+    if found.lacking > 0:
+        lines.append(f"besides, {found.lacking} combinations of ours are not told by the other")
+    else:
+        with_these = " with these" if found.absent or found.neither else ""
+        lines.append(f"the groups of the other{with_these} span all base parameters, exactly")
+    if found.not_ours:
+        lines.append(f"the other's, refused in ours: {', '.join(found.not_ours)}")
+    if found.other.strange:
+        lines.append(f"the other's, of another model: {', '.join(found.other.strange)}")
+    return lines
+
+
+def describe_comparison(
+    ours: "EstimateSide", others: Sequence["Compared"], gate: float | None, *, accepted: bool
+) -> dict[str, object]:
+    """Return the comparison as `symid compare --json` gives it."""
+    return {
+        "robot": ours.identified.robot.name,
+        "estimate": show_path(ours.source),
+        "others": [_describe_compared(found) for found in others],
+        "gate": gate,
+        "accepted": accepted,
+    }
+
+
+def _describe_compared(found: "Compared") -> dict[str, object]:
+    comparison, other = found.comparison, found.other
+    total = comparison.chi_square
+    return {
+        "source": show_path(other.source),
+        "columns": None
+        if other.columns is None
+        else {
+            "name": other.columns.name,
+            "value": other.columns.value,
+            "deviation": other.columns.deviation,
+            "percent": other.columns.percent,
+        },
+        "groups": [
+            {
+                "group": value.group,
+                "line": value.line or None,
+                "read_as": value.read_as or None,
+                "unit": value.unit,
+                "other": value.theirs,
+                "other_std": value.theirs_std,
+                "ours": value.ours,
+                "ours_std": value.ours_std,
+                "difference": value.difference,
+                "deviations": value.deviations,
+            }
+            for value in found.values
+        ],
+        "judged": comparison.judged,
+        "within": {f"{limit:g}": comparison.count_within(limit) for limit, _ in _LIMITS},
+        "largest": comparison.largest,
+        "chi_square": None
+        if total is None
+        else {
+            "value": total.value,
+            "freedom": total.freedom,
+            "probability": None if other.shared else total.chance,
+        },
+        "absent": found.absent,
+        "neither": found.neither,
+        "lacking": found.lacking,
+        "not_ours": found.not_ours,
+        "other_model": other.strange,
+        "shared_logs": other.shared,
+        "readings": [_describe_reading(found, *entry) for entry in found.readings],
+    }
+
+
+def _describe_reading(found: "Compared", reading: "OpenReading", tried: "TriedReading") -> dict[str, object]:
+    return {
+        "group": found.groups[reading.group].text,
+        "read_as": _write_reading(found, reading),
+        "coupling": reading.coupling or None,
+        "before": tried.before,
+        "after": tried.after,
+        "gain": tried.gain,
+        "log_ratio": tried.log_ratio,
+        "decisive": tried.decisive,
+    }
+
+
+def _write_reading(found: "Compared", reading: "OpenReading") -> str:
+    group = found.groups[reading.group]
+    text, factor = group.read_as or group.text, str(reading.factor)
+    sign = "-" if factor.startswith("-") else "+"
+    size = factor.removeprefix("-")
+    return f"{text} {sign} {reading.name if size == '1' else f'{size}*{reading.name}'}"
+
+
+def warn_comparison(ours: "EstimateSide", others: Sequence["Compared"]) -> tuple[Notice, ...]:
+    """Return what a reader must know: doubts of both sides, shared logs, terms that groups seem to hold."""
+    # What was restored from one estimate says nothing of a comparison.
+    notices = [note for note in ours.identified.robot.notices if note.code != "estimate.settings-differ"]
+    for found in others:
+        notices += [*ours.notices, *found.other.notices, *_warn_compared(found)]
+    return tuple(dict.fromkeys(notices))
+
+
+def _warn_compared(found: "Compared") -> tuple[Notice, ...]:
+    file = str(found.other.source)
+    notices = []
+    if found.other.shared:
+        text = (
+            f"both estimates were fitted to {', '.join(found.other.shared)}, so that their errors are not "
+            "independent: differences are of the methods, and should be smaller than the deviations say"
+        )
+        notices.append(Notice(code="compare.shared-logs", text=text, file=file))
+    couplings = dict.fromkeys(reading.coupling for reading, _ in found.readings if reading.coupling)
+    for coupling in couplings:
+        entries = [entry for entry in found.readings if entry[0].coupling == coupling]
+        if any(tried.decisive for _, tried in entries):
+            notices.append(_warn_coupled(found, coupling, entries))
+    for reading, tried in found.readings:
+        if not reading.coupling:
+            text = (
+                f"{_describe_tried(found, reading, tried)}; nothing but the numbers speaks for it, which "
+                f"chance may do too; to compare so: {_write_option(found, reading)}"
+            )
+            notices.append(Notice(code="compare.other-reading", text=text, file=file))
+    return tuple(notices)
+
+
+def _warn_coupled(
+    found: "Compared", coupling: str, entries: Sequence[tuple["OpenReading", "TriedReading"]]
+) -> Notice:
+    """Return what the drive `coupling` explains."""
+    sure = [entry for entry in entries if entry[1].decisive]
+    rest = [entry for entry in entries if not entry[1].decisive]
+    text = (
+        f"{'; '.join(_describe_tried(found, *entry) for entry in sure)}: as where drive {coupling!r} is "
+        "written with its cross terms alone, and what it adds to each joint by itself is counted to that "
+        "joint. This is an inference; to compare so: "
+        f"{' '.join(_write_option(found, reading) for reading, _ in sure)}"
+    )
+    if rest:
+        undecided = "; ".join(
+            f"{_write_option(found, reading)} changes chi-square by {-tried.gain:+.1f}"
+            for reading, tried in rest
+        )
+        text += f". The same rule has more, on which the values do not decide: {undecided}"
+    return Notice(code="compare.coupled-reading", text=text, file=str(found.other.source))
+
+
+def _describe_tried(found: "Compared", reading: "OpenReading", tried: "TriedReading") -> str:
+    name = found.groups[reading.group].text
+    return (
+        f"{name} is {_format_deviations(tried.before)} deviations away as it stands, and "
+        f"{_format_deviations(tried.after)} if it holds {_write_term(reading)} too"
+    )
+
+
+def _write_term(reading: "OpenReading") -> str:
+    factor = str(reading.factor)
+    return {"1": reading.name, "-1": f"-{reading.name}"}.get(factor, f"{factor}*{reading.name}")
+
+
+def _write_option(found: "Compared", reading: "OpenReading") -> str:
+    group = found.groups[reading.group]
+    return f'--read-as "{group.text} = {_write_reading(found, reading)}"'

@@ -1,22 +1,27 @@
-"""The verdict: what an identification is worth, in sentences.
+"""The verdict: what an identification is worth, in sentences, for rigid and for elastic joints.
 
-Input: an estimate and what it explains of held-out logs. Output: `Verdict`.
+Estimate and what it explains of held-out logs -> `FitVerdict`.
 
-The judgement starts relative: the model is as good on a log it has not seen as on its own, or it is
-not. A large residual, a true value that was missed, many uncertain parameters, or a motion that hardly
-tells them apart then hold it back. Whether that is enough for a use is the reader's to say.
+The judgement starts relative: the model is as good on a log it has not seen as on its own, or it is not; of
+elastic joints, what springs and dynamics leave unexplained there, and whether springs with memory explain
+more than linear ones. A large residual, a true value that was missed, many uncertain parameters, a motion
+that hardly separates them, or an iteration that did not converge then hold it back. Whether that is enough
+for a use is the reader's to say.
 
 Supported: any number of held-out logs, none included; logs of the fit are not counted as held out.
-Not supported: tests of the residual's whiteness; carrying over between rows of different kinds.
+Not supported: tests of the residual's whiteness; comparison between rows of different kinds.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from math import comb
 from statistics import NormalDist
 
-from symid.estimators.estimate import Estimate, ParameterEstimate, Validation
+import numpy as np
 
-__all__ = ["LEVELS", "Verdict", "describe_parameters", "find_parameter_caps", "find_verdict", "weigh"]
+from symid.arrays import FloatArray
+from symid.identification.elastic import ElasticEstimate, ElasticTrial, JointTrial, MethodOutcome
+from symid.identification.estimators import Estimate, ParameterEstimate, Validation
 
 _SAME, _WORSE = 1.2, 2.0
 _SHARP, _VAGUE = 10.0, 30.0
@@ -31,7 +36,7 @@ _QUANTITIES = {"torque": "torque", "momentum": "impulse", "energy": "work"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Verdict:
+class FitVerdict:
     """`level` is "good", "fair" or "poor"; `headline` one sentence, `details` the rest."""
 
     level: str
@@ -39,11 +44,11 @@ class Verdict:
     details: tuple[str, ...]
 
 
-def find_verdict(estimate: Estimate, validations: tuple[Validation, ...]) -> Verdict:
+def judge_identification(estimate: Estimate, validations: tuple[Validation, ...]) -> FitVerdict:
     """Return the verdict on `estimate`."""
     held_out = tuple(validation for validation in validations if not validation.fitted)
     level, headline = _judge_prediction(estimate, held_out)
-    caps = _find_caps(estimate, held_out)
+    caps = _list_caps(estimate, held_out)
     details = [_describe_fit(estimate)]
     if len(held_out) < len(validations):
         details.append("A log given for validation is one it was fitted to, and was not counted as a test.")
@@ -54,15 +59,15 @@ def find_verdict(estimate: Estimate, validations: tuple[Validation, ...]) -> Ver
             "some parameters apart; a more exciting one would."
         )
         details.append(text)
-    return weigh(level, headline, details, caps)
+    return apply_caps(level, headline, details, caps)
 
 
-def weigh(level: str, headline: str, details: list[str], caps: list[tuple[str, str]]) -> Verdict:
+def apply_caps(level: str, headline: str, details: list[str], caps: list[tuple[str, str]]) -> FitVerdict:
     """Return the verdict of what speaks for a level, and of `caps`: the best level each allows, and why."""
     level = min((level, *(cap for cap, _ in caps)), key=LEVELS.index)
     if caps:
         headline = f"{headline} But {'; '.join(reason for _, reason in caps)}."
-    return Verdict(level=level, headline=headline, details=tuple(details))
+    return FitVerdict(level=level, headline=headline, details=tuple(details))
 
 
 def describe_parameters(
@@ -91,7 +96,9 @@ def _judge_prediction(estimate: Estimate, validations: tuple[Validation, ...]) -
             f"unexplained; the fit was to {estimate.rows} rows, so this says nothing about carrying over."
         )
         return "fair", text
-    ratio, worst_source = max((_find_ratio(estimate, validation), validation.source) for validation in same)
+    ratio, worst_source = max(
+        (_compute_held_out_ratio(estimate, validation), validation.source) for validation in same
+    )
     percent = max(validation.mean_relative_percent for validation in same)
     quantity = _QUANTITIES[estimate.rows]
     if ratio <= _SAME:
@@ -114,7 +121,7 @@ def _judge_prediction(estimate: Estimate, validations: tuple[Validation, ...]) -
     return "poor", text
 
 
-def _find_ratio(estimate: Estimate, validation: Validation) -> float:
+def _compute_held_out_ratio(estimate: Estimate, validation: Validation) -> float:
     """Return the largest ratio over joints of held-out to fitted deviation, of rows of the same kind."""
     fitted = {entry.joint: entry.std for entry in estimate.residual}
     ratios = [entry.std / fitted[entry.joint] for entry in validation.residual if fitted.get(entry.joint)]
@@ -123,7 +130,7 @@ def _find_ratio(estimate: Estimate, validation: Validation) -> float:
     return max(ratios, default=1.0)
 
 
-def _find_caps(estimate: Estimate, validations: tuple[Validation, ...]) -> list[tuple[str, str]]:
+def _list_caps(estimate: Estimate, validations: tuple[Validation, ...]) -> list[tuple[str, str]]:
     """Return what holds the verdict back: the best level that it allows, and why."""
     caps = []
     percent = max((validation.mean_relative_percent for validation in validations), default=0.0)
@@ -131,18 +138,18 @@ def _find_caps(estimate: Estimate, validations: tuple[Validation, ...]) -> list[
         limit = _LARGE if percent <= _HUGE else _HUGE
         level = "fair" if percent <= _HUGE else "poor"
         caps.append((level, f"more than {limit:g} % of a held-out log is left unexplained"))
-    caps += find_parameter_caps(estimate.parameters, estimate.refused)
+    caps += list_parameter_caps(estimate.parameters, estimate.refused)
     if not estimate.condition <= _CONDITION:
         caps.append(("fair", "the motion hardly tells some parameters apart"))
     return caps
 
 
-def find_parameter_caps(
+def list_parameter_caps(
     parameters: tuple[ParameterEstimate, ...], refused: tuple[tuple[str, str], ...]
 ) -> list[tuple[str, str]]:
     """Return the best levels that the parameters allow, and why."""
     caps = []
-    missed, known = _find_missed(parameters)
+    missed, known = _list_missed(parameters)
     if missed:
         level = "poor" if 2 * len(missed) > known else "fair"
         caps.append((level, f"true values were missed beyond what chance explains: {', '.join(missed)}"))
@@ -155,7 +162,7 @@ def find_parameter_caps(
     return caps
 
 
-def _find_missed(parameters: tuple[ParameterEstimate, ...]) -> tuple[list[str], int]:
+def _list_missed(parameters: tuple[ParameterEstimate, ...]) -> tuple[list[str], int]:
     """Return who lies further than 3 std from the truth, if that is no chance, and how many truths there are.
 
     It is no chance when one lies beyond what the farthest of so many normal values reaches in all but 1 %
@@ -202,3 +209,109 @@ def _describe_truth(parameters: tuple[ParameterEstimate, ...]) -> str:
         f"{'lies' if inside == 1 else 'lie'} within three standard deviations"
     )
     return f"{text}; not {', '.join(far)}." if far else f"{text}."
+
+
+_LARGE, _HUGE = 10.0, 30.0
+"""Percent of a held-out joint torque left unexplained beyond which a model is not good, and poor."""
+_BETTER = 0.9
+"""Part of the linear springs' residual that springs with memory must stay below to be called better."""
+_NEAR = 1.0
+"""Percent of its true value within which a parameter counts as met."""
+_CONVERGED = frozenset({MethodOutcome.SOLVED, MethodOutcome.CONVERGED})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Shares:
+    """Percent left unexplained, the worst of all joints and logs; `linear` by the best linear springs."""
+
+    dynamics: float
+    spring: float | None
+    linear: float
+
+
+def judge_elastic(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> FitVerdict:
+    """Return the verdict on what was found and how that did in `trials`."""
+    held_out = [trial for trial in trials if not trial.fitted]
+    worst = max(entry.relative_percent for entry in estimate.residual)
+    text = (
+        f"Found by the method {estimate.method} ({estimate.outcome.value}), which leaves at most "
+        f"{worst:.3g} % of a motor's torque in its own logs unexplained."
+    )
+    details = [text]
+    if len(held_out) < len(trials):
+        details.append("A log given for validation is one it was fitted to, and was not counted as a test.")
+    # Without standard deviations nothing can be said of chance.
+    parameters = estimate.parameters if estimate.covariance else ()
+    caps = list_parameter_caps(tuple(map(_accept_near_truth, parameters)), estimate.refused)
+    if not estimate.outcome.usable:
+        caps.insert(0, ("poor", f"the method did not end well: {estimate.outcome.value}"))
+    elif estimate.outcome not in _CONVERGED:
+        caps.insert(0, ("fair", f"the iteration did not come to rest: {estimate.outcome.value}"))
+    if held_out:
+        level, headline, words = _judge_held_out(_compute_shares(held_out))
+        details += words
+    else:
+        level = "fair"
+        headline = "Dynamics and springs fit their own logs; no held-out log has tested them yet."
+    details += describe_parameters(parameters, estimate.refused)
+    details += _describe_errors(estimate)
+    return apply_caps(level, headline, details, caps)
+
+
+def _compute_error(entry: ParameterEstimate) -> float | None:
+    """Return the error in percent of a true value that is not zero."""
+    return 100.0 * abs(entry.value - entry.truth) / abs(entry.truth) if entry.truth else None
+
+
+def _accept_near_truth(entry: ParameterEstimate) -> ParameterEstimate:
+    """Return the parameter as met exactly where it is met well enough, whatever chance says.
+
+    A spring on a grid is a model, and what it lacks is no noise.
+    """
+    error = _compute_error(entry)
+    return replace(entry, truth=entry.value) if error is not None and error <= _NEAR else entry
+
+
+def _describe_errors(estimate: ElasticEstimate) -> list[str]:
+    errors = [
+        (error, entry.name) for entry in estimate.parameters if (error := _compute_error(entry)) is not None
+    ]
+    if not errors:
+        return []
+    error, name = max(errors)
+    return [f"The largest error of a parameter against its true value is {error:.2g} % ({name})."]
+
+
+def _compute_shares(trials: Sequence[ElasticTrial]) -> _Shares:
+    joints = [joint for trial in trials for joint in trial.joints]
+    found = [_compute_share(joint, joint.final) for joint in joints if joint.final is not None]
+    dynamics = max(entry.relative_percent for trial in trials for entry in trial.residuals[0][1])
+    return _Shares(
+        dynamics=dynamics,
+        spring=None if len(found) < len(joints) else max(found),
+        linear=max(_compute_share(joint, joint.straight * joint.torsion) for joint in joints),
+    )
+
+
+def _compute_share(joint: JointTrial, values: FloatArray) -> float:
+    """Return the share in percent of a joint's torque by its motor that a spring leaves."""
+    whole = float(np.linalg.norm(joint.motor))
+    return 100.0 * float(np.linalg.norm(joint.motor - values)) / whole if whole else float("inf")
+
+
+def _judge_held_out(shares: _Shares) -> tuple[str, str, list[str]]:
+    """Return level, headline and further sentences."""
+    worst = max(shares.dynamics, shares.spring or 0.0)
+    level = "good" if worst <= _LARGE else "fair" if worst <= _HUGE else "poor"
+    dynamics = f"{shares.dynamics:.3g} % of a motor's torque"
+    if shares.spring is None:
+        headline = f"On motions it has not seen, the model leaves at most {dynamics} unexplained."
+        return level, headline, ["No spring was found; the torque of the joints cannot be predicted."]
+    headline = (
+        f"On motions it has not seen, the springs leave at most {shares.spring:.3g} % of a joint's torque "
+        f"unexplained, and the dynamics {dynamics}."
+    )
+    text = f"The linear springs that fit those logs best would leave {shares.linear:.3g} %"
+    if shares.spring <= _BETTER * shares.linear:
+        return level, headline, [f"{text}: springs with memory explain more."]
+    return level, headline, [f"{text}: springs with memory explain no more than that."]

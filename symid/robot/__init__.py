@@ -1,1 +1,105 @@
-"""What the robot is: numbers and names, no symbols."""
+"""What a robot is, and how it is written: its description, readers and writers."""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from symid.robot.description import (
+        Controller as Controller,
+        Coupling as Coupling,
+        CurvedFriction as CurvedFriction,
+        Decimation as Decimation,
+        FrictionKind as FrictionKind,
+        FrictionValues as FrictionValues,
+        Joint as Joint,
+        JointKind as JointKind,
+        Limits as Limits,
+        LogMap as LogMap,
+        LogQuantity as LogQuantity,
+        Processing as Processing,
+        Robot as Robot,
+        Spring as Spring,
+        SymbolicInertia as SymbolicInertia,
+    )
+    from symid.robot.dh_table import read_dh_table as read_dh_table
+    from symid.robot.elasticity import Elasticity as Elasticity, Knee as Knee, Stop as Stop
+    from symid.robot.exact_values import Symbols as Symbols, read_constant as read_constant
+    from symid.robot.geometry import (
+        ONE as ONE,
+        ZERO as ZERO,
+        Exact as Exact,
+        Placement as Placement,
+        Surd as Surd,
+    )
+    from symid.robot.inertia import (
+        explain_impossible_inertia as explain_impossible_inertia,
+        move_parameters as move_parameters,
+    )
+    from symid.robot.loading import (
+        DEFAULT_GRAVITY as DEFAULT_GRAVITY,
+        Completion as Completion,
+        complete_robot as complete_robot,
+        is_urdf as is_urdf,
+        list_robots as list_robots,
+        load_robot as load_robot,
+        locate_robot_file as locate_robot_file,
+        override_robot as override_robot,
+        override_settings as override_settings,
+    )
+    from symid.robot.mjcf_writer import list_mjcf_omissions as list_mjcf_omissions, write_mjcf as write_mjcf
+    from symid.robot.parameter_values import (
+        PRECISIONS as PRECISIONS,
+        RobotValues as RobotValues,
+        ValueRow as ValueRow,
+        ValueVector as ValueVector,
+        build_json_values as build_json_values,
+        write_c_values as write_c_values,
+    )
+    from symid.robot.published_values import (
+        TableColumns as TableColumns,
+        TableRow as TableRow,
+        read_value_table as read_value_table,
+    )
+    from symid.robot.toml_friction import (
+        FRICTION_PARAMETERS as FRICTION_PARAMETERS,
+        FRICTION_SHAPES as FRICTION_SHAPES,
+        ShapeKey as ShapeKey,
+    )
+    from symid.robot.toml_joints import read_body as read_body
+    from symid.robot.toml_reader import parse_robot as parse_robot, read_robot as read_robot
+    from symid.robot.toml_settings import (
+        TransmissionMatrix as TransmissionMatrix,
+        compute_condition as compute_condition,
+        describe_settings as describe_settings,
+        list_controller as list_controller,
+        read_log as read_log,
+        read_processing as read_processing,
+    )
+    from symid.robot.toml_values import (
+        NOT_NEGATIVE as NOT_NEGATIVE,
+        POSITIVE as POSITIVE,
+        InputReport as InputReport,
+        Place as Place,
+        Places as Places,
+        Section as Section,
+        locate_values as locate_values,
+        read_choice as read_choice,
+        read_integer as read_integer,
+        read_number as read_number,
+        read_numbers as read_numbers,
+        read_text as read_text,
+        read_text_file as read_text_file,
+        refuse_unknown_keys as refuse_unknown_keys,
+        suggest_names as suggest_names,
+        to_decimal as to_decimal,
+    )
+    from symid.robot.toml_writer import write_robot as write_robot
+    from symid.robot.urdf_reader import parse_urdf as parse_urdf, read_urdf as read_urdf
+    from symid.robot.urdf_writer import (
+        list_urdf_omissions as list_urdf_omissions,
+        rewrite_urdf as rewrite_urdf,
+        write_urdf as write_urdf,
+    )
+else:
+    from symid.lazy import load_names
+
+    __getattr__, __dir__, __all__ = load_names(__name__, __file__)

@@ -1,17 +1,25 @@
-"""The robot: joints in a tree, their links, drives, friction, and how its logs read.
+"""The robot: joints in a tree, their links, drives and friction, its controller, and how its logs are read.
 
-Input: numbers and names, checked by the readers. Output: `Robot`, the product that
-every later stage starts from.
+Numbers and names, checked by the readers -> `Robot`, the product that every later stage starts from.
 
-Convention: link frame j has the joint's axis as its z axis (modified DH). `placement` is
-frame j seen from the parent's frame at q = 0; the joint then turns about z, or moves along it.
-Other conventions (standard DH, URDF) are converted, exactly, by their readers; `Joint.frame` keeps the
-frame that the file itself gives to the link.
+Convention: link frame j has the joint's axis as its z axis (modified DH). `placement` is frame j seen from
+the parent's frame at q = 0; the joint then turns about z, or moves along it. Other conventions (standard
+DH, URDF) are converted exactly by their readers; `Joint.frame` keeps the frame that the file itself gives
+to the link.
+
+Controller, on the joint side, v being the joint's velocity as the controller knows it:
+
+    tau = o + tau_ff + Kp (q_ref - q) + Kd (dq_ref - v)    or, with velocity "measured", ... - Kd v
+
+A cascade with position gain kp (1/s) and velocity gain kv (N m s/rad) is this controller with Kp = kp kv
+and Kd = kv: its velocity is "measured" where the velocity loop has the position loop's output alone as
+reference.
 
 Supported: revolute (continuous too) and prismatic joints, chains and trees, joints that follow another one
-(mimic), drives coupled to several joints, springs at joints, a fixed base. Fixed joints are gone: readers
+(mimic), drives coupled to several joints, springs at joints, a fixed base; joint controllers; logs with a
+column per joint or an array for all joints, in units of the closed table. Fixed joints are gone: readers
 join their links.
-Not supported: closed loops, floating bases.
+Not supported: closed loops, floating bases; integral parts, control loops that are coupled.
 """
 
 import re
@@ -21,25 +29,112 @@ from enum import Enum
 from fractions import Fraction
 
 from symid.errors import Notice, RobotError
-from symid.robot.controller import Controller
 from symid.robot.elasticity import Elasticity
 from symid.robot.geometry import IDENTITY, ZERO, Exact, Placement
-from symid.robot.log_map import LogMap, Processing
 
-__all__ = [
-    "Coupling",
-    "CurvedFriction",
-    "Drive",
-    "FrictionKind",
-    "FrictionValues",
-    "Joint",
-    "JointKind",
-    "Limits",
-    "LinkForm",
-    "Mimic",
-    "Robot",
-    "Spring",
-]
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogQuantity:
+    """Where a quantity stands in a log.
+
+    `columns`: one name per joint, or one name of an array with a column per joint.
+    `unit`: of the logged numbers *after* multiplication by `factor` is not applied: the unit is
+    that of the raw column; `factor` (one per joint or one for all) turns raw SI into the quantity,
+    for example N/V for a motor command in volt. `side` is "joint" or "motor": where the quantity,
+    after `factor`, was measured; what is meant on the motor side is converted with the gear ratios, or
+    with the transmission matrix where the map has one. `offset` (rad or m, one per joint or one for all)
+    is added to a position last, on the joint side.
+    """
+
+    columns: tuple[str, ...]
+    unit: str
+    factor: tuple[float, ...] = (1.0,)
+    side: str = "joint"
+    offset: tuple[float, ...] = (0.0,)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogMap:
+    """Which column of a log is what. A quantity that is None is looked up under its own name.
+
+    `transmission` is the matrix T (n, n) of motors that move more than one joint: angles of the motors =
+    T (angles of the joints), and so torques of the joints = T' (torques of the motors). None: gear ratios.
+    `preset` names the program that wrote the log, whose columns stand in for quantities that are None.
+    `reference`, `reference_velocity` are what the controller was asked to follow, `feedforward` the torque
+    that it added to its own.
+    """
+
+    time: LogQuantity | None = None
+    position: LogQuantity | None = None
+    velocity: LogQuantity | None = None
+    torque: LogQuantity | None = None
+    motor_position: LogQuantity | None = None
+    link_position: LogQuantity | None = None
+    reference: LogQuantity | None = None
+    reference_velocity: LogQuantity | None = None
+    feedforward: LogQuantity | None = None
+    transmission: tuple[tuple[float, ...], ...] | None = None
+    preset: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Decimation:
+    """Zero-phase Chebyshev I low-pass and one sample in `factor`, applied alike to all columns.
+
+    `band` is the pass band's edge as a fraction of the new Nyquist frequency.
+    """
+
+    factor: int = 1
+    order: int = 8
+    ripple_db: float = 0.05
+    band: float = 0.8
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Processing:
+    """From a recording to states: zero-phase Butterworth, central differences, cut ends, decimation.
+
+    `filter_cutoff` in Hz, None for no filter; `filter_torque` whether the torque passes it too;
+    `drop_first`, `drop_last` samples cut off after differentiation; `standstill` the speed (rad/s or
+    m/s) below which a joint's rows are left out, because dry friction there is not a function of
+    velocity; `noise_freedom` what |e|^2 of m rows is divided by to get the variance of the noise, k
+    parameters fitted: "band" m b - k, b the part of the band that decimation lets pass (rows behind a
+    filter are not independent), "parameters" m - k, "one" m - 1, as some publications do;
+    `automatic` that a cut-off and a decimation that are not stated follow from the sample rate.
+    """
+
+    filter_order: int = 4
+    filter_cutoff: float | None = None
+    filter_torque: bool = False
+    drop_first: int = 0
+    drop_last: int = 0
+    standstill: float = 0.0
+    noise_freedom: str = "band"
+    automatic: bool = False
+    decimation: Decimation = field(default_factory=Decimation)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Controller:
+    """Gains and structure, on the joint side.
+
+    Args:
+        stiffness: Kp (n,) N m/rad or N/m; damping: Kd (n,) N m s/rad or N s/m.
+        velocity: what the damping acts on, "error" (dq_ref - v) or "measured" (-v).
+        velocity_source: of v, "difference" (backward differences of the position) or "sensor" (dq itself).
+        velocity_filter: cut-off in Hz of the low-pass of first order that v passes; None for no filter.
+        offset: o (n,) N m or N, a constant torque; None where it is taken from the log.
+        torque: what the log's torque is, the "command" that holds from its sample to the next, or the
+            "average" of the periods before and after its sample, as of a sensor.
+    """
+
+    stiffness: tuple[float, ...]
+    damping: tuple[float, ...]
+    velocity: str = "error"
+    velocity_source: str = "difference"
+    velocity_filter: float | None = None
+    offset: tuple[float, ...] | None = None
+    torque: str = "command"
 
 
 _COORDINATE = re.compile(r"(s|c|q|dq|ddq)\d+")
@@ -138,7 +233,7 @@ class Spring:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LinkForm:
+class SymbolicInertia:
     """A link whose values are symbols: mass, centre of mass, inertia xx xy xz yy yz zz about the latter.
 
     Given in the frame that the file gives to the link (`Joint.frame`).
@@ -171,7 +266,7 @@ class Joint:
     spring: Spring | None = None
     elasticity: Elasticity | None = None
     frame: Placement = IDENTITY
-    form: LinkForm | None = None
+    form: SymbolicInertia | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -225,7 +320,7 @@ class Robot:
                 symbol that reads as a coordinate, a master that follows another joint, a coupling that
                 names no joint.
         """
-        mistakes = [*_find_tree_mistakes(self), *_find_follower_mistakes(self)]
+        mistakes = [*_list_tree_mistakes(self), *_list_mimic_mistakes(self)]
         mistakes += [
             f"symbolic length {name!r} reads as a coordinate; call it L1, A2 or D3"
             for name in _list_symbols(self)
@@ -281,7 +376,7 @@ class Robot:
         return self.joints[-1].frame
 
 
-def _find_tree_mistakes(robot: Robot) -> Iterator[str]:
+def _list_tree_mistakes(robot: Robot) -> Iterator[str]:
     names = [joint.name for joint in robot.joints]
     if not names:
         yield "a robot needs at least one joint"
@@ -293,7 +388,7 @@ def _find_tree_mistakes(robot: Robot) -> Iterator[str]:
             yield f"joint {joint.name!r}: its parent must be the base (-1) or an earlier joint"
 
 
-def _find_follower_mistakes(robot: Robot) -> Iterator[str]:
+def _list_mimic_mistakes(robot: Robot) -> Iterator[str]:
     indices = range(len(robot.joints))
     for joint in robot.joints:
         if joint.mimic is None:

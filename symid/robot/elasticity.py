@@ -1,25 +1,27 @@
-"""The spring between a motor and its link: how it gives, hardens and loses energy.
+"""The spring between a motor and its link: stiffness, hardening, hysteresis, damping.
 
-Input: numbers, checked by the readers. Output: `Elasticity`, a part of `Joint`.
+Numbers, checked by the readers -> `Elasticity`, a part of `Joint`.
 
     v = k0 phi + k3 phi^3 + sum_i k_i E_i[phi],   tau_J = v + sum_j s_j S_j(v) + D dphi
 
 phi = theta - q is the torsion; E_i is the stop operator of threshold r_i (a spring k_i behind dry friction
-k_i r_i); S_j is the one-sided dead zone that begins at torque R_j, max(v - R_j, 0) for R_j > 0 and
-min(v - R_j, 0) for R_j < 0. With k_i >= 0 the element is passive. This is the modified
-Prandtl-Ishlinskii model (Kuhnen 2003) in its passive form; the outer function has slope one at v = 0, so that
-v is in N m.
+k_i r_i); S_j is the one-sided dead zone that begins at torque R_j, max(v - R_j, 0) for R_j > 0 and min(v -
+R_j, 0) for R_j < 0. With k_i >= 0 the element is passive. This is the modified Prandtl-Ishlinskii model
+(Kuhnen 2003) in its passive form; the outer function has slope one at v = 0, so that v is in N m.
+
+Catalogue values of harmonic drives (slope K1 up to torque T1, K2 up to T2, K3 beyond, wave generator
+blocked) become knees on both sides of a spring K1.
 
 Supported: linear and cubic springs, any number of stops and knees, linear damping.
-Not supported: stiffness that depends on the position or the load of the joint.
+Not supported: stiffness that depends on the position or the load of the joint; the catalogue's loss at the
+reversal of torque (stops describe it).
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from symid.errors import Notice, RobotError
-
-__all__ = ["Elasticity", "Knee", "Stop"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, order=True)
@@ -68,7 +70,7 @@ class Elasticity:
         Raises:
             RobotError: thresholds that are not increasing, or zero; an outer function that does not rise.
         """
-        mistakes = [*_find_order_mistakes(self), *_find_slope_mistakes(self)]
+        mistakes = [*_list_order_mistakes(self), *_list_slope_mistakes(self)]
         if mistakes:
             raise RobotError(*(Notice(code="robot.invalid-elasticity", text=text) for text in mistakes))
 
@@ -80,7 +82,7 @@ class Elasticity:
         return math.fsum(known) if len(known) == len(parts) else None
 
 
-def _find_order_mistakes(elasticity: Elasticity) -> list[str]:
+def _list_order_mistakes(elasticity: Elasticity) -> list[str]:
     stops = [stop.threshold for stop in elasticity.stops]
     knees = [knee.threshold for knee in elasticity.knees]
     mistakes = []
@@ -91,7 +93,7 @@ def _find_order_mistakes(elasticity: Elasticity) -> list[str]:
     return mistakes
 
 
-def _find_slope_mistakes(elasticity: Elasticity) -> list[str]:
+def _list_slope_mistakes(elasticity: Elasticity) -> list[str]:
     """Return the sides of the outer function on which it stops rising."""
     mistakes = []
     for side in (1.0, -1.0):
@@ -105,3 +107,36 @@ def _find_slope_mistakes(elasticity: Elasticity) -> list[str]:
                 )
                 mistakes.append(text)
     return mistakes
+
+
+def list_catalogue_mistakes(stiffnesses: Sequence[float], torques: Sequence[float]) -> tuple[str, ...]:
+    """Return what is wrong with K1 K2 K3 and T1 T2, in words."""
+    mistakes = []
+    if not all(value > 0 for value in stiffnesses):
+        mistakes.append("K1, K2 and K3 must be positive")
+    if not 0 < torques[0] < torques[1]:
+        mistakes.append("T1 and T2 must be positive and increase")
+    return tuple(mistakes)
+
+
+def compute_catalogue_knees(stiffnesses: Sequence[float], torques: Sequence[float]) -> tuple[Knee, ...]:
+    """Return the knees that make a spring K1 one of K2 beyond T1 and K3 beyond T2, on both sides.
+
+    The outer function's argument is K1 phi: the second knee stands where it is T1 + (T2 - T1) K1 / K2.
+
+    Args:
+        stiffnesses: K1, K2, K3 in N m/rad.
+        torques: T1, T2 in N m.
+
+    Raises:
+        RobotError: a value is not positive, or the torques do not increase.
+    """
+    mistakes = list_catalogue_mistakes(stiffnesses, torques)
+    if mistakes:
+        raise RobotError(*(Notice(code="robot.invalid-elasticity", text=text) for text in mistakes))
+    first, second, third = stiffnesses
+    places = (torques[0], torques[0] + (torques[1] - torques[0]) * first / second)
+    slopes = ((second - first) / first, (third - second) / first)
+    above = [Knee(threshold=place, slope=slope) for place, slope in zip(places, slopes, strict=True) if slope]
+    below = [Knee(threshold=-knee.threshold, slope=knee.slope) for knee in reversed(above)]
+    return (*below, *above)

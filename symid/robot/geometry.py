@@ -1,39 +1,29 @@
-"""Exact lengths, rotations and placements.
+"""Exact numbers, angles, rotations and placements.
 
-Input: decimal lengths, angles as decimals or multiples of pi, names of symbolic lengths.
-Output: `Exact` numbers, a linear form over symbols whose coefficients lie in the
-field of the rationals with sqrt(2) and sqrt(3).
+Decimals, multiples of pi, names of symbolic lengths, directions of axes -> `Exact` numbers (linear forms
+over symbols whose coefficients lie in the field of the rationals with sqrt(2) and sqrt(3)), `Angle`,
+`Placement`; inverses and square roots in that field; rotations as half-angle tangents, roll, pitch and yaw,
+quaternions and axes, both ways, without rounding.
 
-Supported: every multiple of pi/12 exactly; any other angle through a rational
-half-angle tangent, so that cos^2 + sin^2 = 1 holds exactly.
+Supported: every multiple of pi/12 exactly; any other angle through a rational half-angle tangent, so that
+cos^2 + sin^2 = 1 holds exactly. Every rotation matrix over the field has a quaternion in it, not of length
+one; roll, pitch and yaw only where the cosine of the pitch lies in the field. Any axis but zero: exactly
+where the field holds it, else some 1e-16 rad from what was written.
 Not supported: products of two symbolic lengths (no placement needs one).
 """
 
+import decimal
+import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from fractions import Fraction
-
-__all__ = [
-    "IDENTITY",
-    "ONE",
-    "ZERO",
-    "Angle",
-    "Exact",
-    "Placement",
-    "Surd",
-    "compose_placements",
-    "find_angle",
-    "place_modified_dh",
-    "rotate_x",
-    "rotate_z",
-    "translate",
-]
 
 Surd = tuple[Fraction, Fraction, Fraction, Fraction]
 """Coefficients of 1, sqrt(2), sqrt(3), sqrt(6)."""
 
-_ROOTS = (1.0, math.sqrt(2.0), math.sqrt(3.0), math.sqrt(6.0))
+_ROOT_VALUES = (1.0, math.sqrt(2.0), math.sqrt(3.0), math.sqrt(6.0))
 _ROOT_NAMES = ("", "sqrt(2)", "sqrt(3)", "sqrt(6)")
 # Product of basis elements i and j: (factor, basis element).
 _PRODUCTS = (
@@ -144,7 +134,7 @@ class Exact:
         """
         total = 0.0
         for name, s in self.terms:
-            coefficient = sum(float(c) * root for c, root in zip(s, _ROOTS, strict=True) if c)
+            coefficient = sum(float(c) * root for c, root in zip(s, _ROOT_VALUES, strict=True) if c)
             total += coefficient * ((values or {})[name] if name else 1.0)
         return total
 
@@ -199,7 +189,7 @@ def _cosine_of_twelfths(k: int) -> Exact:
     return _COSINES[k] if k <= 6 else -_COSINES[12 - k]
 
 
-def find_angle(radians: float, *, snap: float = 1e-5) -> Angle:
+def build_exact_angle(radians: float, *, snap: float = 1e-5) -> Angle:
     """Return the angle with exact cosine and sine.
 
     Args:
@@ -227,15 +217,15 @@ def find_angle(radians: float, *, snap: float = 1e-5) -> Angle:
     return Angle(cosine=cosine, sine=Exact.surd(sign * 2 * t / (1 + t * t)), radians=radians)
 
 
-Row = tuple[Exact, Exact, Exact]
+ExactVector = tuple[Exact, Exact, Exact]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Placement:
     """A frame seen from another: columns of `rotation` are its axes, `translation` its origin (m)."""
 
-    rotation: tuple[Row, Row, Row]
-    translation: Row
+    rotation: tuple[ExactVector, ExactVector, ExactVector]
+    translation: ExactVector
 
 
 IDENTITY = Placement(
@@ -262,7 +252,7 @@ def translate(x: Exact, y: Exact, z: Exact) -> Placement:
     return Placement(rotation=IDENTITY.rotation, translation=(x, y, z))
 
 
-def _dot(left: Row, right: Row) -> Exact:
+def _dot(left: ExactVector, right: ExactVector) -> Exact:
     return left[0] * right[0] + left[1] * right[1] + left[2] * right[2]
 
 
@@ -292,3 +282,272 @@ def place_modified_dh(alpha: Angle, a: Exact, d: Exact, theta: Angle) -> Placeme
     """
     before = compose_placements(rotate_x(alpha), translate(a, ZERO, ZERO))
     return compose_placements(before, compose_placements(translate(ZERO, ZERO, d), rotate_z(theta)))
+
+
+_RADICANDS = (1, 2, 3, 6)
+# How sqrt(2), sqrt(3) and sqrt(6) change their signs under the four automorphisms of the field.
+_SIGNS = ((1, 1, 1, 1), (1, -1, 1, -1), (1, 1, -1, -1), (1, -1, -1, 1))
+_GUARD_DIGITS = 30
+
+
+def _conjugate(value: Surd, signs: tuple[int, int, int, int]) -> Exact:
+    one, two, three, six = (sign * part for sign, part in zip(signs, value, strict=True))
+    return Exact.surd(one, two, three, six)
+
+
+def invert_exact(value: Exact) -> Exact:
+    """Return 1 / value.
+
+    Raises:
+        ZeroDivisionError: the value is zero.
+    """
+    others = ONE
+    for signs in _SIGNS[1:]:
+        others = others * _conjugate(value.coefficient(""), signs)
+    norm = (value * others).coefficient("")[0]
+    return others * Exact.surd(1 / norm)
+
+
+def _compute_rational_root(value: Fraction) -> Exact | None:
+    """Return the root of a rational number where it is a rational times 1, sqrt(2), sqrt(3) or sqrt(6)."""
+    for index, radicand in enumerate(_RADICANDS):
+        part = value / radicand
+        above, below = math.isqrt(part.numerator), math.isqrt(part.denominator)
+        if above * above == part.numerator and below * below == part.denominator:
+            parts = [Fraction(0)] * 4
+            parts[index] = Fraction(above, below)
+            return Exact.surd(*parts)
+    return None
+
+
+def compute_square_root(value: Exact) -> Exact | None:
+    """Return the root of `value` that is not negative, None where it is no number of the field.
+
+    With s = D^2 value, an integer combination of the roots, x = sqrt(s) is an algebraic integer: its traces
+    with 1, sqrt(2), sqrt(3), sqrt(6) are whole numbers, found from the roots of the conjugates of s. The
+    square is compared exactly, so nothing rests on the digits.
+    """
+    if not value:
+        return ZERO
+    surd = value.coefficient("")
+    if value.is_rational:
+        return _compute_rational_root(surd[0]) if surd[0] > 0 else None
+    below = math.lcm(*(part.denominator for part in surd))
+    whole = [int(part * below * below) for part in surd]
+    digits = max(len(str(abs(part))) for part in whole)
+    with decimal.localcontext(decimal.Context(prec=digits + _GUARD_DIGITS)):
+        bases = [Decimal(radicand).sqrt() for radicand in _RADICANDS]
+        conjugates = [
+            sum(
+                (s * Decimal(part) * base for s, part, base in zip(signs, whole, bases, strict=True)),
+                Decimal(),
+            )
+            for signs in _SIGNS
+        ]
+        if min(conjugates) < 0:
+            return None
+        roots = [conjugate.sqrt() for conjugate in conjugates]
+        for turns in itertools.product((1, -1), repeat=3):
+            turned = [turn * root for turn, root in zip((1, *turns), roots, strict=True)]
+            parts = [_compute_root_coefficient(turned, index, bases[index], below) for index in range(4)]
+            found = Exact.surd(*parts)
+            if found * found == value:
+                return found
+    return None
+
+
+def _compute_root_coefficient(roots: list[Decimal], index: int, base: Decimal, below: int) -> Fraction:
+    """Return the coefficient of the root `index`, from its trace, which is a whole number."""
+    trace = sum((signs[index] * root for signs, root in zip(_SIGNS, roots, strict=True)), Decimal()) * base
+    return Fraction(int(trace.to_integral_value()), 4 * _RADICANDS[index] * below)
+
+
+_Row = tuple[Exact, Exact, Exact]
+ExactMatrix = tuple[_Row, _Row, _Row]
+_TWO = Exact.of(2)
+
+
+def rotate_y(angle: Angle) -> Placement:
+    """Return the frame turned about y by `angle`."""
+    c, s = angle.cosine, angle.sine
+    rotation = ((c, ZERO, s), (ZERO, ONE, ZERO), (-s, ZERO, c))
+    return Placement(rotation=rotation, translation=IDENTITY.translation)
+
+
+def rotate_rpy(roll: Angle, pitch: Angle, yaw: Angle) -> Placement:
+    """Return the frame turned by angles about fixed axes, Rz(yaw) Ry(pitch) Rx(roll), as in URDF."""
+    return compose_placements(rotate_z(yaw), compose_placements(rotate_y(pitch), rotate_x(roll)))
+
+
+def build_tangent_angle(tangent: Exact) -> Angle:
+    """Return the angle 2 atan(t): cos = (1 - t^2) / (1 + t^2), sin = 2 t / (1 + t^2)."""
+    square = tangent * tangent
+    scale = invert_exact(ONE + square)
+    cosine, sine = (ONE - square) * scale, _TWO * tangent * scale
+    return Angle(cosine=cosine, sine=sine, radians=2 * math.atan(tangent.to_float()))
+
+
+def compute_half_tangent(cosine: Exact, sine: Exact) -> Exact:
+    """Return tan(angle / 2) = sin / (1 + cos) of any angle but a half turn.
+
+    Raises:
+        ZeroDivisionError: the angle is a half turn.
+    """
+    return sine * invert_exact(ONE + cosine)
+
+
+def compute_rotation(quaternion: Sequence[Exact]) -> ExactMatrix:
+    """Return the rotation matrix of a quaternion (w, x, y, z) of any length but zero."""
+    w, x, y, z = quaternion
+    scale = _TWO * invert_exact(w * w + x * x + y * y + z * z)
+    return (
+        (ONE - scale * (y * y + z * z), scale * (x * y - w * z), scale * (x * z + w * y)),
+        (scale * (x * y + w * z), ONE - scale * (x * x + z * z), scale * (y * z - w * x)),
+        (scale * (x * z - w * y), scale * (y * z + w * x), ONE - scale * (x * x + y * y)),
+    )
+
+
+def compute_quaternion(rotation: ExactMatrix) -> tuple[Exact, ...]:
+    """Return a quaternion (w, x, y, z) of the matrix, scaled so that its parts have no denominators.
+
+    The rows of 4 q q', whose entries are linear in those of the matrix, are multiples of q
+    (Bar-Itzhack 2000, Journal of Guidance, Control, and Dynamics 23(6)).
+    """
+    (a, b, c), (d, e, f), (g, h, i) = rotation
+    rows = (
+        (ONE + a + e + i, h - f, c - g, d - b),
+        (h - f, ONE + a - e - i, b + d, c + g),
+        (c - g, b + d, ONE - a + e - i, f + h),
+        (d - b, c + g, f + h, ONE - a - e + i),
+    )
+    largest = max(range(4), key=lambda k: rows[k][k].to_float())
+    scale = invert_exact(rows[largest][largest])
+    scaled = [entry * scale for entry in rows[largest]]
+    below = math.lcm(*(part.denominator for entry in scaled for part in entry.coefficient("")))
+    return tuple(entry * Exact.of(below) for entry in scaled)
+
+
+def compute_rpy(rotation: ExactMatrix) -> tuple[Angle, Angle, Angle] | None:
+    """Return roll, pitch and yaw of the matrix, None where their cosines and sines are not in the field."""
+    sine = -rotation[2][0]
+    cosine = compute_square_root(ONE - sine * sine)
+    if cosine is None:
+        return None
+    if cosine:
+        scale = invert_exact(cosine)
+        roll = _build_angle(rotation[2][2] * scale, rotation[2][1] * scale)
+        yaw = _build_angle(rotation[0][0] * scale, rotation[1][0] * scale)
+    else:
+        # Roll and yaw turn about one axis; the yaw does it all.
+        roll, yaw = _build_angle(ONE, ZERO), _build_angle(rotation[1][1], -rotation[0][1])
+    angles = (roll, _build_angle(cosine, sine), yaw)
+    return angles if rotate_rpy(*angles).rotation == rotation else None
+
+
+def _build_angle(cosine: Exact, sine: Exact) -> Angle:
+    return Angle(cosine=cosine, sine=sine, radians=math.atan2(sine.to_float(), cosine.to_float()))
+
+
+_Axis = tuple[Fraction, Fraction, Fraction]
+_LEAST_SNAP = 1e-9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SnappedPlacement:
+    """A rotation, and by how much it differs from what was written (rad)."""
+
+    placement: Placement
+    moved_by: float
+
+
+def invert_placement(placement: Placement) -> Placement:
+    """Return the outer frame seen from the inner one: R' and -R' p."""
+    columns = list(zip(*placement.rotation, strict=True))
+    r0, r1, r2 = ((column[0], column[1], column[2]) for column in columns)
+    rotation = (r0, r1, r2)
+    back = Placement(rotation=rotation, translation=IDENTITY.translation)
+    x, y, z = (-value for value in placement.translation)
+    origin = Placement(rotation=IDENTITY.rotation, translation=(x, y, z))
+    return compose_placements(back, origin)
+
+
+def to_floats(placement: Placement) -> tuple[tuple[float, ...], ...]:
+    """Return the rotation in floating point, row by row."""
+    return tuple(tuple(entry.to_float() for entry in row) for row in placement.rotation)
+
+
+def build_axis_frame(axis: _Axis, *, snap: float = 1e-5) -> SnappedPlacement:
+    """Return a rotation that takes z to the direction of `axis`.
+
+    Args:
+        axis: three numbers, not all zero; their length does not matter.
+        snap: an axis within this angle (rad) of a coordinate axis is taken as that axis.
+    """
+    x, y, z = axis
+    size = max(abs(x), abs(y), abs(z))
+    x, y, z = x / size, y / size, z / size
+    if straight := _snap_to_coordinate_axis(x, y, z, snap):
+        return straight
+    flat = compute_square_root(Exact.surd(x * x + y * y))
+    length = compute_square_root(Exact.surd(x * x + y * y + z * z))
+    if flat and length:
+        pitch = _build_quotient_angle(Exact.surd(z), flat, length)
+        yaw = _build_quotient_angle(Exact.surd(x), Exact.surd(y), flat)
+    else:
+        pitch = build_exact_angle(math.atan2(math.hypot(x, y), z), snap=snap)
+        yaw = build_exact_angle(math.atan2(y, x), snap=snap)
+    placement = compose_placements(rotate_z(yaw), rotate_y(pitch))
+    return SnappedPlacement(
+        placement=placement, moved_by=_measure_axis_error(placement, (float(x), float(y), float(z)))
+    )
+
+
+def _build_quotient_angle(cosine: Exact, sine: Exact, by: Exact) -> Angle:
+    inverse = invert_exact(by)
+    c, s = cosine * inverse, sine * inverse
+    return Angle(cosine=c, sine=s, radians=math.atan2(s.to_float(), c.to_float()))
+
+
+def _snap_to_coordinate_axis(x: Fraction, y: Fraction, z: Fraction, snap: float) -> SnappedPlacement | None:
+    """Return the rotation for an axis that stands near a coordinate axis."""
+    values = (x, y, z)
+    index = max(range(3), key=lambda k: abs(values[k]))
+    others = math.hypot(*(float(value) for k, value in enumerate(values) if k != index))
+    moved = math.atan2(others, abs(float(values[index])))
+    if moved > max(snap, _LEAST_SNAP):
+        return None
+    quarters = 1 if values[index] > 0 else -1
+    angle = build_exact_angle((0 if quarters > 0 else math.pi) if index == 2 else quarters * math.pi / 2)
+    # z goes to y by a quarter turn back about x.
+    turned = (rotate_y(angle), rotate_x(_negate_angle(angle)), rotate_x(angle))[index]
+    return SnappedPlacement(placement=turned, moved_by=moved)
+
+
+def _negate_angle(angle: Angle) -> Angle:
+    return Angle(cosine=angle.cosine, sine=-angle.sine, radians=-angle.radians)
+
+
+def _measure_axis_error(placement: Placement, axis: Sequence[float]) -> float:
+    """Return the angle between `axis` and where the rotation takes z (rad)."""
+    u = [row[2].to_float() for row in placement.rotation]
+    cross = [u[(k + 1) % 3] * axis[(k + 2) % 3] - u[(k + 2) % 3] * axis[(k + 1) % 3] for k in range(3)]
+    return math.atan2(math.hypot(*cross), sum(a * b for a, b in zip(u, axis, strict=True)))
+
+
+def snap_to_quarter_turns(placement: Placement, *, snap: float = 1e-5) -> SnappedPlacement | None:
+    """Return the rotation with entries 0, 1 and -1 that `placement` stands near, None where there is none.
+
+    What was written in several steps can come to a quarter turn that none of the steps shows.
+    """
+    rows = to_floats(placement)
+    rounded = [[round(value) for value in row] for row in rows]
+    moved = max(abs(a - b) for a, b in zip(itertools.chain(*rows), itertools.chain(*rounded), strict=True))
+    if moved > max(snap, _LEAST_SNAP):
+        return None
+    r0, r1, r2 = ((Exact.of(row[0]), Exact.of(row[1]), Exact.of(row[2])) for row in rounded)
+    rotation = (r0, r1, r2)
+    if rotation == placement.rotation:
+        return None
+    return SnappedPlacement(
+        placement=Placement(rotation=rotation, translation=placement.translation), moved_by=moved
+    )

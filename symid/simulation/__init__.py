@@ -1,1 +1,25 @@
 """The robot under control, with sensors like real ones."""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from symid.simulation.elastic_experiment import (
+        ElasticExperimentOptions as ElasticExperimentOptions,
+        ElasticRun as ElasticRun,
+        MotorReference as MotorReference,
+        build_clean_options as build_clean_options,
+        build_noisy_options as build_noisy_options,
+        observe as observe,
+        simulate_elastic as simulate_elastic,
+    )
+    from symid.simulation.rigid_plant import RigidPlant as RigidPlant, RigidPlantState as RigidPlantState
+    from symid.simulation.simulated_log import (
+        SensorSettings as SensorSettings,
+        check_sensor_settings as check_sensor_settings,
+        check_stated_values as check_stated_values,
+        simulate_log as simulate_log,
+    )
+else:
+    from symid.lazy import load_names
+
+    __getattr__, __dir__, __all__ = load_names(__name__, __file__)

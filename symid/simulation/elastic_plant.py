@@ -1,25 +1,346 @@
-"""The elastic plant at work: compiled where there is a compiler, in NumPy where there is none.
+"""The plant of an elastic robot: its values, its rest under its weight, its motion, in C or in NumPy.
 
-Input: a library of robot functions, values, an order. Output: `PlantLog`, and notices on how it came about.
+Robot and its library's card -> ElasticValues -> PlantRobot. PlantRobot, torques that the springs carry ->
+torsions and play states at rest. Library, PlantRobot, PlantOrder -> PlantLog and notices on how it came
+about: compiled where there is a compiler, else by the same equations and steps as `templates/c/plant.c`
+in NumPy, several hundred times slower.
 
-Supported: any size; steps short enough for the fastest motion of the robot.
-Not supported: dry friction that jumps (see `elastic_values`).
+    rest: S(v(phi)) = g,   v on the virgin curve: P_i = sign(phi) max(|phi| - r_i, 0)
+
+Supported: robots all of whose coordinates belong to elastic joints, rotors included; steps short enough
+for the fastest motion of the robot; springs loaded once from zero.
+Not supported: robots that are elastic in part; joints without a rotor inertia; dry friction that jumps;
+other histories of the springs before the start.
 """
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import final
 
 import numpy as np
 
-from symid.arrays import FloatArray
-from symid.codegen.library import Library
-from symid.codegen.plant_code import CompiledPlant, has_addresses, load_plant_code
-from symid.codegen.plant_orders import PlantLog, PlantOrder, PlantRobot
-from symid.errors import GenerationError, Notice
-from symid.simulation.elastic_numpy import simulate_in_numpy
-from symid.simulation.elastic_values import ElasticValues
+from symid.arrays import FloatArray, freeze
+from symid.codegen import (
+    CompiledPlant,
+    Library,
+    ModelCard,
+    ParameterCard,
+    PlantExperiment,
+    PlantLog,
+    PlantRobot,
+    has_addresses,
+    load_plant_code,
+)
+from symid.errors import GenerationError, Notice, SolverError, UsageError
+from symid.robot import Elasticity, Robot
 
-__all__ = ["PlantRun", "find_substeps", "simulate_plant"]
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ElasticValues:
+    """Values of all parameters of an elastic robot, in the order of its card.
+
+    Args:
+        beta: (p,) of the links. rotor: (n,) kg m^2 or kg. friction: (pf,), motor side.
+        elasticity: n springs, all numbers known.
+    """
+
+    beta: FloatArray
+    rotor: FloatArray
+    friction: FloatArray
+    elasticity: tuple[Elasticity, ...]
+
+    def __post_init__(self) -> None:
+        """Copy the arrays and make them read-only."""
+        for name in ("beta", "rotor", "friction"):
+            object.__setattr__(self, name, freeze(getattr(self, name)))
+
+
+def get_elastic_values(robot: Robot, card: ModelCard) -> ElasticValues:
+    """Return the values that the robot file states.
+
+    Raises:
+        UsageError: the robot cannot be simulated as an elastic one; all reasons at once.
+    """
+    if not card.elastic:
+        raise UsageError(_describe_rigid(robot))
+    notices = [*_describe_gaps(robot, card), *_describe_sharp_friction(robot, card)]
+    if notices:
+        raise UsageError(*notices)
+    rotors = {rotor.joint: rotor.value for rotor in card.rotors}
+    return ElasticValues(
+        beta=_list_values(card.beta),
+        rotor=np.array([rotors[joint.name] for joint in robot.axes], dtype=np.float64),
+        friction=_list_values(card.friction),
+        elasticity=tuple(spring for spring in card.elasticity if spring is not None),
+    )
+
+
+def _list_values(parameters: tuple[ParameterCard, ...]) -> FloatArray:
+    return np.array([parameter.value for parameter in parameters], dtype=np.float64)
+
+
+def _describe_rigid(robot: Robot) -> Notice:
+    names = [joint.name for joint, gives in zip(robot.axes, robot.elastic, strict=True) if not gives]
+    text = (
+        f"robot {robot.name!r} is not elastic in every joint ({', '.join(names)} do not give); elastic "
+        "simulation wants an [joint.elasticity] table for all joints or for none"
+    )
+    return Notice(code="usage.not-elastic", text=text)
+
+
+def _list_gaps(robot: Robot, card: ModelCard) -> Iterator[str]:
+    """Yield what the robot file does not state."""
+    for parameter in (*card.beta, *card.rotors, *card.friction):
+        if parameter.value is None:
+            yield parameter.name
+    rotors = {rotor.joint for rotor in card.rotors}
+    for joint, spring in zip(robot.axes, card.elasticity, strict=True):
+        if joint.name not in rotors:
+            yield f"rotor_inertia of {joint.name!r}"
+        if spring is not None and spring.initial_stiffness is None:
+            yield f"stiffness of {joint.name!r} and of its stops"
+
+
+def _describe_gaps(robot: Robot, card: ModelCard) -> Iterator[Notice]:
+    unknown = list(_list_gaps(robot, card))
+    if unknown:
+        text = (
+            f"robot {robot.name!r} cannot be simulated: its file states no value for {', '.join(unknown)}; "
+            "give mass, centre of mass and inertia of every link, rotor inertia, friction and elasticity "
+            "of every joint"
+        )
+        yield Notice(code="usage.unknown-values", text=text)
+    rotors = {rotor.joint: rotor.value for rotor in card.rotors}
+    light = [name for name, value in rotors.items() if value is not None and not value > 0.0]
+    soft = [
+        name for name, spring in _pair(robot, card) if spring.stiffness is not None and spring.stiffness <= 0
+    ]
+    for names, what in ((light, "rotor_inertia"), (soft, "stiffness")):
+        if names:
+            text = f"robot {robot.name!r}: the {what} of {', '.join(names)} must be positive to be simulated"
+            yield Notice(code="usage.not-positive", text=text)
+
+
+def _pair(robot: Robot, card: ModelCard) -> Iterator[tuple[str, Elasticity]]:
+    for joint, spring in zip(robot.axes, card.elasticity, strict=True):
+        if spring is not None:
+            yield joint.name, spring
+
+
+def _describe_sharp_friction(robot: Robot, card: ModelCard) -> Iterator[Notice]:
+    """Yield a notice if dry friction jumps: a motor that sticks is not among the plant's modes."""
+    smooth = {joint.name for joint in robot.joints if joint.friction.smoothing > 0.0}
+    smooth |= {coupling.name for coupling in robot.couplings if coupling.friction.smoothing > 0.0}
+    names = [entry.name for entry in card.friction if entry.name.startswith("Fc") and entry.value]
+    sharp = [entry.name for entry in card.friction if entry.name in names and entry.joint not in smooth]
+    if sharp:
+        text = (
+            f"robot {robot.name!r}: the dry friction {', '.join(sharp)} changes its sign at once, which the "
+            "elastic plant cannot hold at rest; give [joint.friction] a `smoothing` speed, such as 0.01 rad/s"
+        )
+        yield Notice(code="usage.sharp-friction", text=text)
+
+
+def build_plant_robot(values: ElasticValues) -> PlantRobot:
+    """Return the numbers as tables; stops and knees that a joint lacks have a weight and slope of zero."""
+    springs = values.elasticity
+    stops = max(len(spring.stops) for spring in springs)
+    knees = max(len(spring.knees) for spring in springs)
+    shape = (len(springs), stops)
+    radius, weight = np.ones(shape), np.zeros(shape)
+    knee, slope = np.ones((len(springs), knees)), np.zeros((len(springs), knees))
+    for row, spring in enumerate(springs):
+        for column, stop in enumerate(spring.stops):
+            radius[row, column], weight[row, column] = stop.threshold, stop.stiffness or 0.0
+        for column, bend in enumerate(spring.knees):
+            knee[row, column], slope[row, column] = bend.threshold, bend.slope
+    return PlantRobot(
+        beta=values.beta,
+        friction=values.friction,
+        rotor=values.rotor,
+        stiffness=np.array([spring.stiffness or 0.0 for spring in springs]),
+        cubic=np.array([spring.cubic for spring in springs]),
+        damping=np.array([spring.damping for spring in springs]),
+        radius=radius,
+        weight=weight,
+        knee=knee,
+        slope=slope,
+    )
+
+
+_ROOT_STEPS = 80
+_LEAST_SHARE = 1e-9
+_LOGGED = ("q", "dq", "theta", "dtheta", "spring", "torque", "work", "friction", "elastic", "damped")
+
+
+def _clamp(value: float, bound: float) -> float:
+    return min(max(value, -bound), bound)
+
+
+@final
+class Springs:
+    """The springs of all joints: tau = S(v), v = k0 phi + k3 phi^3 + sum k_i clamp(phi - P_i, r_i)."""
+
+    __slots__ = ("_cubic", "_knees", "_stiffness", "_stops")
+
+    def __init__(self, robot: PlantRobot) -> None:
+        """Take the numbers of `robot`; what has no weight or slope is left out."""
+        self._stiffness, self._cubic = robot.stiffness.tolist(), robot.cubic.tolist()
+        self._stops = [
+            [(k, r, w) for k, (r, w) in enumerate(zip(radius, weight, strict=True)) if w]
+            for radius, weight in zip(robot.radius.tolist(), robot.weight.tolist(), strict=True)
+        ]
+        self._knees = [
+            [(level, slope) for level, slope in zip(levels, slopes, strict=True) if slope]
+            for levels, slopes in zip(robot.knee.tolist(), robot.slope.tolist(), strict=True)
+        ]
+
+    def find_inner(self, joint: int, phi: float, play: FloatArray) -> float:
+        """Return v, in N m or N, of one joint at torsion `phi` with the plays (n, m) where they are."""
+        v = (self._stiffness[joint] + self._cubic[joint] * phi * phi) * phi
+        for k, radius, weight in self._stops[joint]:
+            v += weight * _clamp(phi - float(play[joint, k]), radius)
+        return float(v)
+
+    def find_torque(self, joint: int, phi: float, play: FloatArray) -> float:
+        """Return S(v), in N m or N."""
+        torque = v = self.find_inner(joint, phi, play)
+        for level, slope in self._knees[joint]:
+            over = v - level
+            if over * level > 0.0:
+                torque += slope * over
+        return torque
+
+    def integrate(self, joint: int, start: float, end: float, play: FloatArray) -> float:
+        """Return the integral of S(v) over phi, in J: Simpson's rule, exact between kinks."""
+        total = 0.0
+        # A torsion that is no number ends the loop: no comparison with it holds.
+        while start < end or start > end:
+            kink = self.find_kink(joint, start, end, play)
+            middle = self.find_torque(joint, 0.5 * (start + kink), play)
+            sides = self.find_torque(joint, start, play) + self.find_torque(joint, kink, play)
+            total += (kink - start) / 6.0 * (sides + 4.0 * middle)
+            start = kink
+        return total
+
+    def find_kink(self, joint: int, start: float, end: float, play: FloatArray) -> float:
+        """Return the first torsion from `start` towards `end` at which the slope changes; `end` for none."""
+        least, way = _LEAST_SHARE * abs(end - start), 1.0 if end > start else -1.0
+
+        def is_between(kink: float) -> bool:
+            return way * (kink - start) > least and way * (end - kink) > least
+
+        for k, radius, _ in self._stops[joint]:
+            kink = float(play[joint, k]) + way * radius
+            end = kink if is_between(kink) else end
+        for level, _ in self._knees[joint]:
+            apart = self.find_inner(joint, start, play) - level
+            beyond = self.find_inner(joint, end, play) - level
+            if apart * beyond < 0.0:
+                kink = self._find_level(joint, (start, end), play, level)
+                end = kink if is_between(kink) else end
+        return end
+
+    def _find_level(self, joint: int, interval: tuple[float, float], play: FloatArray, level: float) -> float:
+        """Return where in the interval, without a kink of the stops, v crosses `level`."""
+        start, end = interval
+        apart = self.find_inner(joint, start, play) - level
+        if not self._cubic[joint]:
+            return start + (end - start) * apart / (apart - (self.find_inner(joint, end, play) - level))
+        low, high = 0.0, 1.0
+        for _ in range(_ROOT_STEPS):
+            share = 0.5 * (low + high)
+            value = self.find_inner(joint, start + share * (end - start), play) - level
+            low, high = (share, high) if value * apart > 0.0 else (low, share)
+        return start + high * (end - start)
+
+
+@final
+class _ElasticStepper:
+    """Runge-Kutta steps; a state is a row each for q, dq, theta, dtheta, lost in friction, damped: (6, n)."""
+
+    def __init__(self, library: Library, robot: PlantRobot) -> None:
+        self.springs = Springs(robot)
+        self._robot = robot
+        self._forward: Callable[..., tuple[FloatArray, ...]] = library.bind("forward_dynamics")
+        self._friction = library.bind("friction") if robot.friction.size else None
+
+    def find_springs(self, x: FloatArray, play: FloatArray) -> FloatArray:
+        phi = x[2] - x[0]
+        pull = [self.springs.find_torque(joint, float(angle), play) for joint, angle in enumerate(phi)]
+        torque: FloatArray = np.array(pull) + self._robot.damping * (x[3] - x[1])
+        return torque
+
+    def _find_slope(self, x: FloatArray, play: FloatArray, torque: FloatArray) -> FloatArray:
+        robot, twist = self._robot, x[3] - x[1]
+        drag = np.zeros(robot.size) if self._friction is None else self._friction(x[3], robot.friction)[0]
+        push = self.find_springs(x, play)
+        (acceleration,) = self._forward(x[0], x[1], push, robot.beta)
+        spin = (torque - push - drag) / robot.rotor
+        return np.array([x[1], acceleration, x[3], spin, drag * x[3], robot.damping * twist * twist])
+
+    def step(self, x: FloatArray, play: FloatArray, torque: FloatArray, h: float) -> FloatArray:
+        k1 = self._find_slope(x, play, torque)
+        k2 = self._find_slope(x + 0.5 * h * k1, play, torque)
+        k3 = self._find_slope(x + 0.5 * h * k2, play, torque)
+        k4 = self._find_slope(x + h * k3, play, torque)
+        return x + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+
+    def bends(self, x: FloatArray, after: FloatArray, play: FloatArray) -> bool:
+        rates = (x[3] - x[1]) * (after[3] - after[1])
+        if self._robot.radius.shape[1] and bool(np.any(rates < 0.0)):
+            return True
+        pairs = zip((x[2] - x[0]).tolist(), (after[2] - after[0]).tolist(), strict=True)
+        return any(
+            self.springs.find_kink(joint, start, end, play) != end for joint, (start, end) in enumerate(pairs)
+        )
+
+
+def simulate_in_numpy(library: Library, robot: PlantRobot, order: PlantExperiment) -> PlantLog:
+    """Return what happens to the robot, to rounding as the compiled plant does; see `PlantExperiment`."""
+    stepper, size = _ElasticStepper(library, robot), robot.size
+    rest = np.zeros(size)
+    x = np.array([order.q, rest, order.theta, rest, rest, rest])
+    play, work, elastic = order.play.copy(), np.zeros(size), np.zeros(size)
+    log = {name: np.zeros((order.ticks, size)) for name in _LOGGED}
+    h = order.period / order.substeps
+
+    def settle(after: FloatArray) -> FloatArray:
+        start, end = x[2] - x[0], after[2] - after[0]
+        work[:] += torque * (after[2] - x[2])
+        elastic[:] += [
+            stepper.springs.integrate(joint, float(start[joint]), float(end[joint]), play)
+            for joint in range(size)
+        ]
+        play[:] = end[:, None] - np.clip(end[:, None] - play, -robot.radius, robot.radius)
+        return after
+
+    for tick in range(order.ticks):
+        if not np.all(np.isfinite(x[:4])):
+            return PlantLog(**log, ticks=tick)
+        torque = _compute_motor_torque(order, tick, x)
+        row = (x[0], x[1], x[2], x[3], stepper.find_springs(x, play), torque, work, x[4], elastic, x[5])
+        for name, values in zip(_LOGGED, row, strict=True):
+            log[name][tick] = values
+        for _ in range(order.substeps if tick + 1 < order.ticks else 0):
+            after = stepper.step(x, play, torque, h)
+            if order.parts > 1 and stepper.bends(x, after, play):
+                for _ in range(order.parts):
+                    x = settle(stepper.step(x, play, torque, h / order.parts))
+            else:
+                x = settle(after)
+    return PlantLog(**log, ticks=order.ticks)
+
+
+def _compute_motor_torque(order: PlantExperiment, tick: int, x: FloatArray) -> FloatArray:
+    """Return the torque (n,) of the motors' PD loops at a tick."""
+    step = np.where(order.step > 0.0, order.step, 1.0)
+    seen = np.where(order.step > 0.0, np.round(x[2] / step) * step, x[2])
+    demand = order.stiffness * (order.angle[tick] - seen) + order.damping * (order.speed[tick] - x[3])
+    torque: FloatArray = np.clip(demand + order.torque[tick], -order.limit, order.limit)
+    return torque
+
 
 _SHARE = 0.5
 """Of the time constant of the fastest motion: a Runge-Kutta step, which is stable to 2.7 times it."""
@@ -37,7 +358,7 @@ class PlantRun:
 
 
 def simulate_plant(
-    library: Library, robot: PlantRobot, order: PlantOrder, *, compiler: str | None = None
+    library: Library, robot: PlantRobot, order: PlantExperiment, *, compiler: str | None = None
 ) -> PlantRun:
     """Return what happens to the robot; a machine without a compiler takes much longer, and a notice says so.
 
@@ -61,13 +382,13 @@ def simulate_plant(
     return PlantRun(log=plant.run(library, robot, order), backend="c", notices=plant.notices)
 
 
-def _simulate_slowly(library: Library, robot: PlantRobot, order: PlantOrder, reason: str) -> PlantRun:
+def _simulate_slowly(library: Library, robot: PlantRobot, order: PlantExperiment, reason: str) -> PlantRun:
     text = f"{reason}: the elastic robot is simulated in NumPy, with the same numbers but many times slower"
     notice = Notice(code="simulate.slow-plant", text=text)
     return PlantRun(log=simulate_in_numpy(library, robot, order), backend="python", notices=(notice,))
 
 
-def find_substeps(
+def count_substeps(
     library: Library, values: ElasticValues, poses: FloatArray, *, period: float, step: float
 ) -> int:
     """Return how many Runge-Kutta steps a tick takes.
@@ -79,30 +400,30 @@ def find_substeps(
         period: of a tick, s.
         step: the longest step wanted, s; fast springs, friction and damping shorten it.
     """
-    rate = max(_find_spring_rate(library, values, poses), _find_friction_rate(library, values))
+    rate = max(_compute_spring_rate(library, values, poses), _compute_friction_rate(library, values))
     longest = min(step, _SHARE / rate) if rate > 0.0 else step
     return max(1, math.ceil(period / longest - _ROUNDING))
 
 
-def _find_spring_rate(library: Library, values: ElasticValues, poses: FloatArray) -> float:
+def _compute_spring_rate(library: Library, values: ElasticValues, poses: FloatArray) -> float:
     """Return the fastest rate in 1/s at which links and rotors swing against each other, or settle."""
     (mass,) = library.evaluate("mass_matrix", poses, values.beta)
     mobility = np.linalg.inv(mass) + np.diag(1.0 / values.rotor)
-    stiffness = np.array([_find_stiffness(values, joint) for joint in range(len(values.rotor))])
+    stiffness = np.array([_compute_largest_stiffness(values, joint) for joint in range(len(values.rotor))])
     root, damping = np.sqrt(stiffness), np.array([spring.damping for spring in values.elasticity])
     swing = float(np.sqrt(np.linalg.eigvalsh(root[:, None] * mobility * root).max()))
     root = np.sqrt(damping)
     return max(swing, float(np.linalg.eigvalsh(root[:, None] * mobility * root).max()))
 
 
-def _find_stiffness(values: ElasticValues, joint: int) -> float:
+def _compute_largest_stiffness(values: ElasticValues, joint: int) -> float:
     """Return the largest slope of a spring whose cubic term is small at the torsions of use."""
     spring = values.elasticity[joint]
     sides = [sum(knee.slope for knee in spring.knees if knee.threshold * side > 0.0) for side in (1.0, -1.0)]
     return (spring.initial_stiffness or 0.0) * (1.0 + max(0.0, *sides))
 
 
-def _find_friction_rate(library: Library, values: ElasticValues) -> float:
+def _compute_friction_rate(library: Library, values: ElasticValues) -> float:
     """Return the fastest rate in 1/s at which friction stops a rotor."""
     if not values.friction.size:
         return 0.0
@@ -111,3 +432,72 @@ def _find_friction_rate(library: Library, values: ElasticValues) -> float:
     ahead, back = np.split(np.asarray(drag), 2)
     slope = np.diagonal(ahead - back) / (2.0 * _SMALL)
     return float(np.max(slope / values.rotor))
+
+
+_GROWTH = 1.1
+_MOST_TRIALS = 400
+_BISECTIONS = 200
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RestState:
+    """Springs under load: torsion `phi` (n,) rad or m, `play` P_i (n, m) rad or m."""
+
+    phi: FloatArray
+    play: FloatArray
+
+    def __post_init__(self) -> None:
+        """Copy the arrays and make them read-only."""
+        for name in ("phi", "play"):
+            object.__setattr__(self, name, freeze(getattr(self, name)))
+
+
+def compute_rest(robot: PlantRobot, load: FloatArray, names: tuple[str, ...]) -> RestState:
+    """Return torsions at which the springs carry `load` (n,) in N m or N, reached from zero.
+
+    The first root on the curve is bracketed by trials that grow by a tenth, then halved to the last digit.
+
+    Raises:
+        SolverError: a spring carries no such load: it softens until it gives way.
+    """
+    springs = Springs(robot)
+    phi = np.array(
+        [_locate_torsion(springs, robot, joint, float(load[joint])) for joint in range(robot.size)]
+    )
+    lost = [name for name, angle in zip(names, phi.tolist(), strict=True) if not np.isfinite(angle)]
+    if lost:
+        text = (
+            f"the springs of {', '.join(lost)} cannot carry the weight of the robot; give them a stiffness "
+            "and a cubic term that let their torque rise"
+        )
+        raise SolverError(Notice(code="simulate.weak-spring", text=text))
+    return RestState(phi=phi, play=_compute_virgin_play(robot, phi))
+
+
+def _compute_virgin_play(robot: PlantRobot, phi: FloatArray) -> FloatArray:
+    play: FloatArray = np.sign(phi)[:, None] * np.maximum(np.abs(phi)[:, None] - robot.radius, 0.0)
+    return play
+
+
+def _locate_torsion(springs: Springs, robot: PlantRobot, joint: int, load: float) -> float:
+    """Return the torsion of one joint, not a number where there is none."""
+    side = 1.0 if load > 0.0 else -1.0
+
+    def find_excess(phi: float) -> float:
+        play = _compute_virgin_play(robot, np.full(robot.size, phi))
+        return side * springs.find_torque(joint, phi, play) - abs(load)
+
+    if not load:
+        return 0.0
+    high = abs(load) / float(robot.stiffness[joint] + robot.weight[joint].sum())
+    for _ in range(_MOST_TRIALS):
+        if find_excess(side * high) >= 0.0:
+            break
+        high *= _GROWTH
+    else:
+        return float("nan")
+    low = 0.0
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if find_excess(side * middle) >= 0.0 else (middle, high)
+    return side * high

@@ -1,18 +1,23 @@
-"""An experiment: a robot under PD control along a trajectory, logged like a real one.
+"""An experiment: a rigid robot under PD control along a trajectory, logged like a real one; and its checks.
 
-Input: robot, library with values, trajectory, options, a random generator.
-Output: `SimulationRun`: the recording, and the truth behind it.
+Robot, Library with values, ReferenceMotion, ExperimentOptions, random generator -> SimulationRun: the
+recording, and the truth behind it.
 
     tau = g(q_d(0)) + Kp (q_d - q_m) + Kd (dq_d - dq_f)    each period, held until the next
 
-with q_m from the encoder and dq_f its low-passed difference; a robot file's controller may say otherwise. The
-weight at the first pose is carried from the first tick on, so that no run begins with a fall. The logged
-torque at a sample is that of a sensor that averages over the period around it: the mean of the torques before
-and after the tick, so that it belongs to the same instant as the position. The log has the reference too.
+with q_m from the encoder and dq_f its low-passed difference; a robot file's controller may say otherwise.
+The weight at the first pose is carried from the first tick on, so that no run begins with a fall. The
+logged torque at a sample is that of a sensor that averages over the period around it: the mean of the
+torques before and after the tick, so that it belongs to the same instant as the position. The log has the
+reference too.
 
-Supported: joint PD, torque limits of the robot file. A run whose energy balance does not close, or that
-leaves ten times the position limits, is an error and never a log.
-Not supported: further feed-forward, motor-side logs, elastic joints (see `elastic_experiment`).
+The checks hold for rigid and elastic robots: sizes and times that do not fit, a run whose energy balance
+does not close, a robot that leaves ten times its position limits are errors with a remedy and never a
+log; torque at its limit gives a notice.
+
+Supported: joint PD, torque limits of the robot file.
+Not supported: further feed-forward, motor-side logs, elastic joints (see `elastic_experiment`),
+collisions.
 """
 
 from dataclasses import dataclass, field, replace
@@ -20,27 +25,142 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from symid.arrays import FloatArray, freeze
-from symid.codegen.library import Library
-from symid.data.recording import Recording
+from symid.codegen import Library
 from symid.errors import Notice, SolverError, UsageError
-from symid.excitation.motion import Motion
-from symid.robot.controller import Controller
-from symid.robot.description import Robot
-from symid.simulation.guards import (
-    Timing,
-    check_balance,
-    check_timing,
-    describe_massless,
-    describe_runaway,
-    find_limits,
-    find_reach,
-    find_saturation,
-    find_speeds,
-)
-from symid.simulation.plant import Plant, PlantState, start_state
+from symid.excitation import ReferenceMotion
+from symid.logs import Recording
+from symid.robot import Controller, Robot
+from symid.simulation.rigid_plant import RigidPlant, RigidPlantState, build_rest_state
 from symid.simulation.sensors import SensorOptions, Sensors, add_torque_noise, build_sensors, quantise
 
-__all__ = ["ExperimentOptions", "SimulationRun", "simulate_experiment"]
+_RUNAWAY = 1e4
+"""Positions in rad or m beyond this are no motion of a robot."""
+_FAR = 10.0
+"""Nor are positions beyond so many times the limits of the joint."""
+_LARGEST_GAP = 1e-6
+"""Of work, change of energy and dissipation, relative to the largest of them."""
+_REMEDY = (
+    "give links with mass an inertia, or lower the bandwidth or the gains, or shorten the control period"
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExperimentTiming:
+    """What of the options of an experiment can be wrong: times in s, bandwidth in Hz, gains per joint."""
+
+    duration: float
+    period: float
+    substeps: int
+    bandwidth: float
+    stiffness: tuple[float, ...] | None
+    damping: tuple[float, ...] | None
+
+
+def check_timing(
+    robot: Robot, library: Library, trajectory: ReferenceMotion, timing: ExperimentTiming
+) -> None:
+    """Refuse sizes and times that do not fit.
+
+    Raises:
+        UsageError: all that is wrong.
+    """
+    size = robot.freedom
+    problems = []
+    if trajectory.size != size or library.card.size != size:
+        problems.append(
+            f"the robot has {size} joints, the trajectory {trajectory.size}, the library {library.card.size}"
+        )
+    for name in ("stiffness", "damping"):
+        gains: tuple[float, ...] | None = getattr(timing, name)
+        if gains is not None and len(gains) != size:
+            problems.append(f"{name}: {len(gains)} numbers for {size} joints")
+    duration = timing.duration
+    finite = np.isfinite(duration) and np.isfinite(timing.period)
+    if not (finite and timing.period > 0.0 and timing.substeps >= 1 and duration >= 2.0 * timing.period):
+        problems.append(
+            f"duration {duration:g} s, period {timing.period:g} s, substeps {timing.substeps}: "
+            "the period must be positive, with one substep and two periods at least"
+        )
+    if problems:
+        raise UsageError(*(Notice(code="usage.experiment", text=text) for text in problems))
+
+
+def get_torque_limits(robot: Robot) -> FloatArray:
+    """Return the torque limits (n,) in N m or N, infinite where there are none."""
+    limits = [joint.limits.torque for joint in robot.axes]
+    return np.array([np.inf if limit is None else limit for limit in limits])
+
+
+def get_velocity_limits(robot: Robot) -> FloatArray:
+    """Return the velocity limits (n,) in rad/s or m/s, infinite where there are none."""
+    limits = [joint.limits.velocity for joint in robot.axes]
+    return np.array([np.inf if limit is None else limit for limit in limits])
+
+
+def compute_reach(robot: Robot, desired: FloatArray) -> FloatArray:
+    """Return the positions (n,) that no joint reaches unless it ran away."""
+    bounds = [joint.limits.position for joint in robot.axes]
+    reach = np.array([_FAR * max(map(abs, bound)) if bound else _RUNAWAY for bound in bounds])
+    furthest: FloatArray = np.maximum(reach, 2.0 * np.abs(desired).max(axis=0))
+    return furthest
+
+
+def check_balance(
+    kinetic: FloatArray, potential: FloatArray, work: FloatArray, dissipation: FloatArray
+) -> None:
+    """Refuse a run that is not finite, or whose energy balance does not close; (N,) J each.
+
+    Raises:
+        SolverError: the text says by how much, and what helps.
+    """
+    energy = kinetic + potential
+    change = energy - energy[0]
+    gap = float(np.abs(work - change - dissipation).max())
+    largest = max(float(np.abs(part).max()) for part in (work, kinetic, change, dissipation))
+    # What is lost in rounding of the potential is no gap.
+    scale = largest + 1e-6 * float(np.abs(potential).max())
+    if not np.isfinite(gap + scale):
+        text = f"the simulated run holds values that are not finite; {_REMEDY}"
+        raise SolverError(Notice(code="simulate.not-finite", text=text))
+    if gap > _LARGEST_GAP * scale:
+        text = (
+            f"work, energy and dissipation of the run disagree by {gap / scale:.2g} of the largest, "
+            f"{_LARGEST_GAP:g} at most are accepted: the motion is too fast for the steps; {_REMEDY}"
+        )
+        raise SolverError(Notice(code="simulate.energy", text=text))
+
+
+def describe_saturation(robot: Robot, torque: FloatArray, limit: FloatArray) -> tuple[Notice, ...]:
+    """Return who was at the limits (n,) with `torque` (N, n), and for how long."""
+    share = np.mean(np.abs(torque) >= limit, axis=0)
+    return tuple(
+        Notice(
+            code="simulate.saturation",
+            text=f"joint {joint.name!r} was at its torque limit during {100 * part:.1f} % of the run",
+        )
+        for joint, part in zip(robot.axes, share.tolist(), strict=True)
+        if part
+    )
+
+
+def describe_massless(robot: Robot) -> Notice:
+    """Return what is said of a robot whose mass matrix is singular."""
+    text = (
+        f"robot {robot.name!r} cannot be simulated: its mass matrix is singular, so a joint moves without "
+        "inertia; give every moved link a mass with an inertia, or its drive a rotor_inertia"
+    )
+    return Notice(code="simulate.massless", text=text)
+
+
+def describe_runaway(tick: int, timing: ExperimentTiming) -> Notice:
+    """Return what is said of a robot that ran away at a tick."""
+    text = (
+        f"the controlled robot ran away at t = {tick * timing.period:g} s: lower the bandwidth "
+        f"({timing.bandwidth:g} Hz) or the gains, shorten the control period ({timing.period:g} s), "
+        "or give links with mass an inertia"
+    )
+    return Notice(code="simulate.unstable", text=text)
+
 
 _GAIN_SAMPLES = 50
 
@@ -120,7 +240,7 @@ class _Control:
 def simulate_experiment(
     robot: Robot,
     library: Library,
-    trajectory: Motion,
+    trajectory: ReferenceMotion,
     options: ExperimentOptions,
     rng: np.random.Generator,
 ) -> SimulationRun:
@@ -132,15 +252,15 @@ def simulate_experiment(
         SolverError: the controlled robot is unstable or too light, chatters without end, or has friction that
             is too steep.
     """
-    timing = _find_timing(trajectory, options)
+    timing = _build_timing(trajectory, options)
     _refuse_elastic(robot)
     check_timing(robot, library, trajectory, timing)
-    plant = Plant(library, speeds=find_speeds(robot))
+    plant = RigidPlant(library, speeds=get_velocity_limits(robot))
     sensors = build_sensors(robot, options.sensors)
     times = freeze(np.arange(round(timing.duration / options.period) + 1) * options.period)
     desired, speeds, _ = trajectory.evaluate(times)
     control = _build_control(robot, library, plant, desired, options)
-    states, torque = _run(plant, sensors, control, (desired, speeds), timing)
+    states, torque = _run_control_loop(plant, sensors, control, (desired, speeds), timing)
     q, dq = np.array([state.q for state in states]), np.array([state.dq for state in states])
     plant.check_friction(dq)
     kinetic, potential = library.evaluate("energy", q, dq, plant.beta)
@@ -158,7 +278,7 @@ def simulate_experiment(
             reference=desired,
             reference_velocity=speeds,
             source=f"simulated: {robot.name}, {trajectory.source}",
-            notices=find_saturation(robot, torque, control.limit),
+            notices=describe_saturation(robot, torque, control.limit),
         ),
         q=q,
         dq=dq,
@@ -173,16 +293,16 @@ def simulate_experiment(
     )
 
 
-def _run(
-    plant: Plant,
+def _run_control_loop(
+    plant: RigidPlant,
     sensors: Sensors,
     control: _Control,
     reference: tuple[FloatArray, FloatArray],
-    timing: Timing,
-) -> tuple[list[PlantState], FloatArray]:
+    timing: ExperimentTiming,
+) -> tuple[list[RigidPlantState], FloatArray]:
     """Return the states at every tick and the torques held from it (the last one repeats)."""
     desired, speeds = reference
-    state = start_state(desired[0])
+    state = build_rest_state(desired[0])
     states, torque = [state], np.zeros_like(desired)
     measured = quantise(state.q, sensors.step)
     velocity = np.zeros(plant.size)
@@ -204,7 +324,7 @@ def _run(
 
 
 def _build_control(
-    robot: Robot, library: Library, plant: Plant, desired: FloatArray, options: ExperimentOptions
+    robot: Robot, library: Library, plant: RigidPlant, desired: FloatArray, options: ExperimentOptions
 ) -> _Control:
     """Return gains: Kp = w^2 J, Kd = 2 w J with J the mean of 1 / (M^-1)_jj along the trajectory.
 
@@ -233,13 +353,13 @@ def _build_control(
         damping=np.array(law.damping),
         blend=1.0 if cutoff is None else 1.0 - float(np.exp(-2.0 * np.pi * cutoff * options.period)),
         weight=weight,
-        limit=find_limits(robot),
-        reach=find_reach(robot, desired),
+        limit=get_torque_limits(robot),
+        reach=compute_reach(robot, desired),
     )
 
 
-def _find_timing(trajectory: Motion, options: ExperimentOptions) -> Timing:
-    return Timing(
+def _build_timing(trajectory: ReferenceMotion, options: ExperimentOptions) -> ExperimentTiming:
+    return ExperimentTiming(
         duration=trajectory.duration if options.duration is None else options.duration,
         period=options.period,
         substeps=options.substeps,

@@ -1,16 +1,17 @@
 """A test rig for friction with a memory: one mass on bristles, pushed, pulled by a spring, or under control.
 
-Input: a law and its values, a mass, a drive. Output: `RigRun`, samples of the motion with an energy balance.
+Law and its values, mass, drive -> RigRun: samples of the motion with an energy balance.
 
     m dv/dt = F - tau_f(v, z),   dx/dt = v,   dz/dt of the law,   dw/dt of the drive
     force    F = F(t)
     spring   F = k (V t - x) + c (V - v)
     control  F = kp e + ki w - kd v,   e = target(t) - x,   dw/dt = e
 
-Integrated by LSODA (Hindmarsh and Petzold): bristles make the equations stiff while the mass slips, and soft
-while it sticks. Tolerances are relative, and absolute on the scale of the bristles: sticking is resolved.
+Integrated by LSODA (Hindmarsh and Petzold): bristles make the equations stiff while the mass slips, and
+soft while it sticks. Tolerances are relative, and absolute on the scale of the bristles: sticking is
+resolved.
 
-Supported: revolute and prismatic axes alike (kg m^2 and rad, or kg and m); any law of `friction_dynamic`.
+Supported: revolute and prismatic axes alike (kg m^2 and rad, or kg and m); any dynamic friction law.
 Not supported: several masses; forces that jump faster than the sampling, unless `substep` is set.
 """
 
@@ -23,25 +24,14 @@ import numpy as np
 
 from symid.arrays import FloatArray, freeze
 from symid.errors import Notice, SolverError, UsageError
-from symid.joint.friction_dynamic import (
+from symid.joint_models import (
     DynamicLaw,
+    build_float_carrier,
     check_dynamic_values,
-    find_bristle_rate,
-    find_dynamic_torque,
-    find_largest_level,
+    compute_bristle_rate,
+    compute_dynamic_torque,
+    compute_largest_level,
 )
-from symid.joint.friction_law import build_float_carrier
-
-__all__ = [
-    "ForceDrive",
-    "PositionControl",
-    "Rig",
-    "RigDrive",
-    "RigOptions",
-    "RigRun",
-    "SpringDrive",
-    "simulate_friction_rig",
-]
 
 
 class RigDrive(Protocol):
@@ -182,16 +172,18 @@ class RigRun:
     energy: FloatArray
 
 
-State = tuple[float, float, float, float]
+RigState = tuple[float, float, float, float]
 
 
-def _find_rates(rig: Rig, drive: RigDrive, time: float, state: State) -> tuple[list[float], float, float]:
+def _compute_rates(
+    rig: Rig, drive: RigDrive, time: float, state: RigState
+) -> tuple[list[float], float, float]:
     """Return the rates of (x, v, z, w, work, loss), the force and the friction."""
     algebra = _FLOATS
     position, velocity, deflection, memory = state
     force = drive.find_force(time, position, velocity, memory)
-    friction = find_dynamic_torque(algebra, rig.law, velocity, deflection, rig.values)
-    rate = find_bristle_rate(algebra, rig.law, velocity, deflection, rig.values)
+    friction = compute_dynamic_torque(algebra, rig.law, velocity, deflection, rig.values)
+    rate = compute_bristle_rate(algebra, rig.law, velocity, deflection, rig.values)
     loss = friction * velocity - rig.values[0] * deflection * rate
     acceleration = (force - friction) / rig.mass
     memory_rate = drive.find_memory_rate(time, position)
@@ -213,7 +205,7 @@ def simulate_friction_rig(rig: Rig, drive: RigDrive, options: RigOptions) -> Rig
 
     count = math.floor(options.duration * options.rate * (1.0 + 1e-12)) + 1
     time = np.arange(count) / options.rate
-    largest = find_largest_level(rig.law, rig.values)
+    largest = compute_largest_level(rig.law, rig.values)
     bend = largest / rig.values[0]
     speed = bend * math.sqrt(rig.values[0] / rig.mass)
     scales = np.array([bend, speed, bend, bend * options.duration, largest * bend, largest * bend])
@@ -223,7 +215,7 @@ def simulate_friction_rig(rig: Rig, drive: RigDrive, options: RigOptions) -> Rig
         # Beyond this the integrator would go on with ever smaller steps.
         if not (abs(velocity) < _RUNAWAY * speed and abs(position) < _RUNAWAY * bend):
             raise OverflowError
-        return _find_rates(rig, drive, at, (position, velocity, deflection, memory))[0]
+        return _compute_rates(rig, drive, at, (position, velocity, deflection, memory))[0]
 
     with np.errstate(all="ignore"):
         try:
@@ -238,13 +230,13 @@ def simulate_friction_rig(rig: Rig, drive: RigDrive, options: RigOptions) -> Rig
                 max_step=options.substep or 10.0 / options.rate,
             )
         except OverflowError:
-            raise _fail(rig, "the motion grew without bound") from None
+            raise _build_failure(rig, "the motion grew without bound") from None
     if not solved.success or not np.all(np.isfinite(solved.y)):
-        raise _fail(rig, str(solved.message))
+        raise _build_failure(rig, str(solved.message))
     return _build_run(rig, drive, time, solved.y)
 
 
-def _fail(rig: Rig, reason: str) -> SolverError:
+def _build_failure(rig: Rig, reason: str) -> SolverError:
     text = f"the rig of {rig.law.name!r} could not be simulated: {reason}; lower the gains or the tolerance"
     return SolverError(Notice(code="simulate.friction-rig", text=text))
 
@@ -252,7 +244,7 @@ def _fail(rig: Rig, reason: str) -> SolverError:
 def _build_run(rig: Rig, drive: RigDrive, time: FloatArray, states: FloatArray) -> RigRun:
     position, velocity, deflection, _, work, loss = states
     columns = zip(time.tolist(), *(row.tolist() for row in states[:4]), strict=True)
-    found = [_find_rates(rig, drive, at, (x, v, z, w)) for at, x, v, z, w in columns]
+    found = [_compute_rates(rig, drive, at, (x, v, z, w)) for at, x, v, z, w in columns]
     return RigRun(
         time=freeze(time),
         position=freeze(position),

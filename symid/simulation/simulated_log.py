@@ -1,37 +1,40 @@
-"""An experiment of a rigid or of an elastic robot, logged like a real one.
+"""A simulated log: an experiment of a rigid or of an elastic robot, logged like a real one.
 
-Input: a robot whose file states all values, its library, a trajectory, sensors. Output: `SimulatedLog`.
+Robot whose file states all values, its library, ReferenceMotion, SensorSettings -> SimulatedLog.
+`check_stated_values` names everything that a robot file lacks, before minutes go into a derivation.
 
 Supported: sensors with one deviation for all joints; `experiment` and `elastic_experiment` take others.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from symid.codegen.library import Library
-from symid.data.recording import Recording
-from symid.errors import Notice, UsageError
-from symid.excitation.motion import Motion
-from symid.robot.description import Robot
-from symid.simulation.elastic_experiment import simulate_elastic
-from symid.simulation.elastic_options import (
+from symid.codegen import Library
+from symid.errors import Notice, RobotError, UsageError
+from symid.excitation import ReferenceMotion
+from symid.logs import Recording
+from symid.robot import Robot
+from symid.simulation.elastic_experiment import (
     ElasticExperimentOptions,
     build_clean_options,
     build_noisy_options,
+    simulate_elastic,
 )
 from symid.simulation.experiment import ExperimentOptions, simulate_experiment
 from symid.simulation.sensors import SensorOptions
 
-__all__ = ["DEFAULT_NOISE", "SimulatedLog", "StatedSensors", "check_sensors", "simulate_log"]
+if TYPE_CHECKING:
+    from symid.robot import Coupling, FrictionValues, Joint
 
 DEFAULT_NOISE = 0.05
 """N m or N, of rigid robots; elastic ones have noise in proportion to their torques."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StatedSensors:
+class SensorSettings:
     """How the sensors are.
 
     Args:
@@ -64,7 +67,7 @@ class SimulatedLog:
     details: Mapping[str, object]
 
 
-def check_sensors(robot: Robot, sensors: StatedSensors) -> None:
+def check_sensor_settings(robot: Robot, sensors: SensorSettings) -> None:
     """Refuse encoders of an elastic robot for one that has no elastic joint.
 
     Raises:
@@ -79,7 +82,7 @@ def check_sensors(robot: Robot, sensors: StatedSensors) -> None:
 
 
 def simulate_log(
-    robot: Robot, library: Library, motion: Motion, sensors: StatedSensors, rng: np.random.Generator
+    robot: Robot, library: Library, motion: ReferenceMotion, sensors: SensorSettings, rng: np.random.Generator
 ) -> SimulatedLog:
     """Return the log of a robot under PD control along a trajectory.
 
@@ -95,7 +98,7 @@ def simulate_log(
 
 
 def _simulate_rigid(
-    robot: Robot, library: Library, motion: Motion, sensors: StatedSensors, rng: np.random.Generator
+    robot: Robot, library: Library, motion: ReferenceMotion, sensors: SensorSettings, rng: np.random.Generator
 ) -> SimulatedLog:
     noise = DEFAULT_NOISE if sensors.noise is None else sensors.noise
     seen = SensorOptions(counts_per_turn=None) if sensors.clean else SensorOptions(torque_noise=(noise,))
@@ -110,7 +113,7 @@ def _simulate_rigid(
 
 
 def _simulate_elastic(
-    robot: Robot, library: Library, motion: Motion, sensors: StatedSensors, rng: np.random.Generator
+    robot: Robot, library: Library, motion: ReferenceMotion, sensors: SensorSettings, rng: np.random.Generator
 ) -> SimulatedLog:
     options = _build_elastic_options(sensors)
     run = simulate_elastic(robot, library, motion, options, rng)
@@ -128,9 +131,47 @@ def _simulate_elastic(
     )
 
 
-def _build_elastic_options(sensors: StatedSensors) -> ElasticExperimentOptions:
+def _build_elastic_options(sensors: SensorSettings) -> ElasticExperimentOptions:
     options = build_clean_options() if sensors.clean else build_noisy_options()
     seen = replace(options.sensors, delay=sensors.delay, link_offset=(sensors.offset,))
     if sensors.noise is not None and not sensors.clean:
         seen = replace(seen, torque_noise=(sensors.noise,), relative_noise=(0.0,))
     return replace(options, sensors=seen)
+
+
+def _list_friction_gap(friction: "FrictionValues") -> Iterator[str]:
+    if friction.kind.value != "none" and friction.values is None:
+        yield f"the values of friction {friction.kind.value}"
+
+
+def _list_joint_gaps(joint: "Joint") -> Iterator[str]:
+    if joint.inertial is None:
+        yield "[joint.link] mass, com and inertia"
+    if joint.drive.has_rotor and joint.drive.rotor_inertia is None:
+        yield "the rotor_inertia of [joint.drive]"
+    if joint.spring is not None and None in (joint.spring.stiffness, joint.spring.rest):
+        yield "stiffness and rest of [joint.spring]"
+    if joint.elasticity is not None and joint.elasticity.initial_stiffness is None:
+        yield "the stiffness of [joint.elasticity] and of its stops"
+    if joint.elasticity is not None and not joint.drive.has_rotor:
+        yield "the rotor_inertia of [joint.drive], which an elastic joint needs"
+    yield from _list_friction_gap(joint.friction)
+
+
+def _list_coupling_gaps(coupling: "Coupling") -> Iterator[str]:
+    if coupling.has_rotor and coupling.rotor_inertia is None:
+        yield "the rotor_inertia"
+    yield from _list_friction_gap(coupling.friction)
+
+
+def check_stated_values(robot: "Robot") -> None:
+    """Refuse a robot whose file lacks values, before minutes go into its derivation."""
+    lacking = [f"joint '{joint.name}': {gap}" for joint in robot.joints for gap in _list_joint_gaps(joint)]
+    lacking += [
+        f"coupling '{coupling.name}': {gap}"
+        for coupling in robot.couplings
+        for gap in _list_coupling_gaps(coupling)
+    ]
+    if lacking:
+        text = f"cannot be simulated, these values are not stated: {'; '.join(lacking)}"
+        raise RobotError(Notice(code="robot.no-values", text=text, file=robot.path))

@@ -1,1 +1,62 @@
-"""Many identifications: Monte Carlo over noise, and what the papers' tables compare."""
+"""Many identifications: spread over noise, and the comparisons of the papers."""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from symid.study.elastic_held_out import (
+        ManyJointsResult as ManyJointsResult,
+        TrackingStudy as TrackingStudy,
+        study_many_joints as study_many_joints,
+        study_tracking as study_tracking,
+    )
+    from symid.study.elastic_methods import (
+        DatasetStudy as DatasetStudy,
+        ElasticStudy as ElasticStudy,
+        MethodErrors as MethodErrors,
+        SensorCondition as SensorCondition,
+        compute_hysteresis_errors as compute_hysteresis_errors,
+        compute_parameter_error as compute_parameter_error,
+        get_true_parameters as get_true_parameters,
+        observe_runs as observe_runs,
+        simulate_runs as simulate_runs,
+        study_elastic as study_elastic,
+    )
+    from symid.study.friction_paper import (
+        RECOVERY_PEAKS as RECOVERY_PEAKS,
+        SWEEPS as SWEEPS,
+        TABLE_1 as TABLE_1,
+        TABLE_3 as TABLE_3,
+        TABLE_4 as TABLE_4,
+        draw_samples as draw_samples,
+    )
+    from symid.study.friction_protocols import (
+        AGREEMENT as AGREEMENT,
+        LAWS as LAWS,
+        NEARNESS as NEARNESS,
+        NOT_IDENTIFIABLE as NOT_IDENTIFIABLE,
+        PEAK as PEAK,
+        AgreementStudy as AgreementStudy,
+        EstimatorComparison as EstimatorComparison,
+        GainStudy as GainStudy,
+        MeanGain as MeanGain,
+        Recovery as Recovery,
+        build_gain_scene as build_gain_scene,
+        build_recovery_scene as build_recovery_scene,
+        build_sweep_scene as build_sweep_scene,
+    )
+    from symid.study.friction_tables import (
+        FrictionCheck as FrictionCheck,
+        FrictionStudy as FrictionStudy,
+        describe_gain_miss as describe_gain_miss,
+        study_friction as study_friction,
+    )
+    from symid.study.rigid_methods import (
+        CutoffStudy as CutoffStudy,
+        PrecisionStudy as PrecisionStudy,
+        study_cutoff as study_cutoff,
+        study_precision as study_precision,
+    )
+else:
+    from symid.lazy import load_names
+
+    __getattr__, __dir__, __all__ = load_names(__name__, __file__)

@@ -1,31 +1,29 @@
-"""What Zhang, Hu and Zou (2021) print of joint friction, and what was set here to repeat it.
+"""Joint friction as Zhang, Hu and Zou (2021) print it, and synthetic data with their parameters.
 
 Output: rows of their Tables 1, 3 and 4; a second published truth; the noise and motions of the protocols.
+Law, parameters, velocities, generator -> `FrictionSamples`.
+
+    v_k = -V sin(2 pi (k + 1/2) / N)
+
+Half a step off the grid no sample stands still: there a law without a zone would have no torque at all.
 
 Zhang Tie, Hu Liangliang, Zou Yanbiao, "Identification of improved friction model for robot based on hybrid
 genetic algorithm", J. Zhejiang Univ. (Eng. Sci.) 55(5) (2021) 801-809,
 doi 10.3785/j.issn.1008-973X.2021.05.001.
 
-Supported: the numbers they print. Not supported: their recordings, which are not public.
+Supported: the numbers they print; white noise; motions in one direction (half a period) or in both.
+Not supported: their recordings, which are not public; noise of the velocity, which all estimators take as
+known.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-__all__ = [
-    "RECOVERY_NOISE",
-    "RECOVERY_PEAKS",
-    "RV_2SQ",
-    "SWEEPS",
-    "TABLE_1",
-    "TABLE_3",
-    "TABLE_4",
-    "TRUTH_1",
-    "Gain",
-    "PublishedJoint",
-    "PublishedMethod",
-    "PublishedSums",
-    "Sweep",
-]
+import numpy as np
+
+from symid.arrays import FloatArray, freeze
+from symid.identification.friction import FrictionSamples
+from symid.joint_models import compute_friction_torque, get_law
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,7 +45,7 @@ class PublishedJoint:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Gain:
+class PublishedGain:
     """How much less squared error the improved law leaves than another: percent, as printed."""
 
     viscous: float
@@ -67,7 +65,7 @@ class PublishedSums:
 
     joint: str
     sums: tuple[float, float, float]
-    printed: Gain
+    printed: PublishedGain
     noise: float
 
 
@@ -102,13 +100,19 @@ RECOVERY_PEAKS = (0.1, 1.0)
 
 TABLE_4 = (
     PublishedSums(
-        joint="1", sums=(629.0, 537.0, 449.0), printed=Gain(viscous=28.6, stribeck=16.3), noise=3.84
+        joint="1", sums=(629.0, 537.0, 449.0), printed=PublishedGain(viscous=28.6, stribeck=16.3), noise=3.84
     ),
     PublishedSums(
-        joint="2", sums=(26873.0, 25076.0, 22103.0), printed=Gain(viscous=17.7, stribeck=11.8), noise=13.57
+        joint="2",
+        sums=(26873.0, 25076.0, 22103.0),
+        printed=PublishedGain(viscous=17.7, stribeck=11.8),
+        noise=13.57,
     ),
     PublishedSums(
-        joint="3", sums=(5881.0, 4725.0, 3909.0), printed=Gain(viscous=33.6, stribeck=17.3), noise=9.53
+        joint="3",
+        sums=(5881.0, 4725.0, 3909.0),
+        printed=PublishedGain(viscous=33.6, stribeck=17.3),
+        noise=9.53,
     ),
 )
 
@@ -120,3 +124,75 @@ RV_2SQ = (
     PublishedJoint(joint="RV-2SQ 4", law="stribeck-1.6", values=(1.6581, 2.15, 0.05, 1.3165)),
 )
 """A second truth with published values."""
+
+
+_PERIOD = 1.0
+"""Of a cosine in s; friction without a memory does not depend on it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FrictionScene:
+    """A joint whose friction is known, in motion.
+
+    Args:
+        joint: its name; law: the name of its friction law.
+        physical: true parameters, in the order of the law's.
+        velocity: (N,) rad/s.
+        torque: (N,) N m, of the law, without noise.
+        noise: standard deviation, N m.
+    """
+
+    joint: str
+    law: str
+    physical: tuple[float, ...]
+    velocity: FloatArray
+    torque: FloatArray
+    noise: float
+
+    def __post_init__(self) -> None:
+        """Copy the arrays and make them read-only."""
+        for name in ("velocity", "torque"):
+            object.__setattr__(self, name, freeze(getattr(self, name)))
+
+
+def build_half_cosine(peak: float, samples: int) -> FloatArray:
+    """Return velocities (N,) of half a period in the positive direction, `peak` in rad/s."""
+    return peak * np.sin(np.pi * (np.arange(samples) + 0.5) / samples)
+
+
+def build_whole_cosines(peaks: Sequence[float], samples: int) -> FloatArray:
+    """Return velocities of one period of each cosine, one after the other: (len(peaks) N,) in rad/s."""
+    wave = -np.sin(2.0 * np.pi * (np.arange(samples) + 0.5) / samples)
+    return np.concatenate([peak * wave for peak in peaks])
+
+
+def build_friction_scene(
+    joint: str, law: str, physical: Sequence[float], velocity: FloatArray, noise: float
+) -> FrictionScene:
+    """Return the scene; arguments as its fields.
+
+    Raises:
+        UsageError: there is no such law.
+    """
+    known = get_law(law)
+    linear, shape = known.from_physical(physical)
+    return FrictionScene(
+        joint=joint,
+        law=law,
+        physical=tuple(physical),
+        velocity=velocity,
+        torque=compute_friction_torque(known, {"velocity": velocity}, linear, shape),
+        noise=noise,
+    )
+
+
+def draw_samples(scene: FrictionScene, generator: np.random.Generator) -> FrictionSamples:
+    """Return the scene with noise."""
+    count = len(scene.velocity)
+    return FrictionSamples(
+        joint=scene.joint,
+        time=_PERIOD * (np.arange(count) + 0.5) / count,
+        velocity=scene.velocity,
+        torque=scene.torque + scene.noise * generator.standard_normal(count),
+        extra=np.zeros((count, 0)),
+    )

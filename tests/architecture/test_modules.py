@@ -1,271 +1,196 @@
-"""The rooms, their order, and the shape of every module."""
+"""The rooms, their order, and the shape of every module: one test a rule."""
 
 import ast
 import sys
-from collections.abc import Iterator
-from pathlib import Path
-
-import pytest
+from collections import defaultdict
 
 import symid
+from tests.architecture.source import BY_NAME, MODULES, PACKAGE, ROOMS, list_imports, room_of
 
-PROJECT = Path(__file__).resolve().parents[2]
-PACKAGE = PROJECT / "symid"
-ROOMS = (
-    "kernel",
-    "robot",
-    "formats",
-    "algebra",
-    "joint",
-    "dynamics",
-    "parameters",
-    "teaching",
-    "codegen",
-    "data",
-    "excitation",
-    "simulation",
-    "rows",
-    "estimators",
-    "residuals",
-    "logcheck",
-    "identification",
-    "friction",
-    "elastic",
-    "tasks",
-    "study",
-    "report",
-    "api",
-    "cli",
-)
-MODULES = tuple(sorted(path for path in PACKAGE.rglob("*.py") if "_data" not in path.parts))
 LONGEST_FUNCTION = 55
+MOST_FILES = 240
 # Identification runs on a machine without SymPy; these rooms must not need it to be imported.
-WITHOUT_SYMBOLS = (
-    "robot",
-    "formats",
-    "data",
-    "excitation",
-    "simulation",
-    "rows",
-    "estimators",
-    "residuals",
-    "logcheck",
-    "identification",
-    "friction",
-    "elastic",
-    "study",
-    "report",
-)
+WITHOUT_SYMBOLS = ("robot", "logs", "excitation", "simulation", "study", "report")
 LIGHT_MODULES = frozenset({"symid.codegen.functions", "symid.codegen.library", "symid.codegen.cache"})
+# What reads base parameters of a robot, so as to compare or to write them.
+SYMBOLIC_MODULES = frozenset(
+    {f"symid.identification.{name}" for name in ("compare", "export", "identified", "payload")}
+)
 SYMBOLIC = frozenset({"sympy", "casadi"})
 
 
-def name_of(path: Path) -> str:
-    """Return the dotted name of a module of the project."""
-    parts = path.relative_to(PROJECT).with_suffix("").parts
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-
-
-def room_of(module: str) -> str:
-    """Return the room that a dotted name under `symid` stands in."""
-    parts = module.split(".")
-    if parts == ["symid", "__main__"]:
-        return "cli"
-    return parts[1] if len(parts) > 1 and parts[1] in ROOMS else "kernel"
-
-
-def imports_of(tree: ast.AST, module: str, *, package: bool) -> Iterator[str]:
-    """Yield the dotted names that a module imports, wherever in it the import stands."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            base = node.module or ""
-            if node.level:
-                parts = module.split(".")
-                kept = parts[: len(parts) - node.level + (1 if package else 0)]
-                base = ".".join((*kept, base)).rstrip(".")
-            yield from (f"{base}.{alias.name}" for alias in node.names)
-
-
-def statements_at_import(tree: ast.Module) -> Iterator[ast.AST]:
-    """Yield every node that runs when a module is imported: not the bodies of functions."""
-    waiting: list[ast.AST] = list(tree.body)
-    while waiting:
-        node = waiting.pop()
-        yield node
-        bodies = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
-        waiting.extend(() if isinstance(node, bodies) else ast.iter_child_nodes(node))
-
-
-def parse(path: Path) -> ast.Module:
-    """Return the syntax tree of a file."""
-    return ast.parse(path.read_text(encoding="utf-8"), str(path))
-
-
-def exported(tree: ast.Module) -> list[str] | None:
-    """Return what `__all__` says, None where there is none."""
-    for node in tree.body:
-        match node:
-            case ast.Assign(targets=[ast.Name(id="__all__")], value=value):
-                return list(ast.literal_eval(value))
-            case ast.AnnAssign(target=ast.Name(id="__all__"), value=ast.expr() as value):
-                return list(ast.literal_eval(value))
-    return None
-
-
-def defined(tree: ast.Module) -> set[str]:
-    """Return the names that a module binds at its top level."""
-    names: set[str] = set()
-    for node in tree.body:
-        match node:
-            case ast.FunctionDef(name=name) | ast.ClassDef(name=name):
-                names.add(name)
-            case ast.Assign(targets=targets):
-                names |= {
-                    part.id for target in targets for part in ast.walk(target) if isinstance(part, ast.Name)
-                }
-            case ast.AnnAssign(target=ast.Name(id=name)):
-                names.add(name)
-            case ast.Import(names=aliases) | ast.ImportFrom(names=aliases):
-                names |= {(alias.asname or alias.name).split(".")[0] for alias in aliases}
-    return names
-
-
-each_module = pytest.mark.parametrize("path", MODULES, ids=name_of)
-plain = tuple(path for path in MODULES if path.name != "__init__.py")
-packages = tuple(path for path in MODULES if path.name == "__init__.py")
-
-
-@each_module
-def test_a_room_imports_only_from_rooms_before_it(path):
-    module = name_of(path)
-    here = ROOMS.index(room_of(module))
+def test_a_room_imports_only_from_rooms_before_it():
     wrong = [
-        name
-        for name in imports_of(parse(path), module, package=path.name == "__init__.py")
+        f"{module.name} ({module.room}) imports {source}.{name}"
+        for module in MODULES
         # The package itself names what the API offers; it is imported when it is used.
-        if name.split(".")[0] == "symid" and ROOMS.index(room_of(name)) > here and module != "symid"
+        if module.name != "symid"
+        for source, name, _ in module.imports
+        if source.split(".")[0] == "symid"
+        and source != "symid"
+        and ROOMS.index(room_of(f"{source}.{name}")) > ROOMS.index(module.room)
     ]
-    assert not wrong, f"{module} ({ROOMS[here]}) imports {wrong}"
+    assert not wrong
 
 
-def test_the_import_reader_sees_relative_and_inner_imports():
-    text = "from . import a\nfrom ..data import readers\ndef f():\n    import symid.cli.main\n"
-    found = set(imports_of(ast.parse(text), "symid.robot.toml", package=False))
-    assert found == {"symid.robot.a", "symid.data.readers", "symid.cli.main"}
+def test_other_rooms_are_imported_by_what_they_offer():
+    # Not from their files: what a room does not name in its `__init__` is its own.
+    wrong = [
+        f"{module.name}: from {source} import {name}"
+        for module in MODULES
+        if not module.is_package
+        for source, name, _ in module.imports
+        if source.split(".")[0] == "symid" and room_of(source) not in {"kernel", module.room}
+        if source in BY_NAME and not BY_NAME[source].is_package
+    ]
+    # The entry loads what answers when it is called.
+    assert not wrong
+
+
+def test_what_a_room_offers_is_used_by_another():
+    used = {
+        (source, name) for module in MODULES if not module.is_package for source, name, _ in module.imports
+    }
+    texts = "".join(
+        path.read_text(encoding="utf-8")
+        for folder in ("docs", "tests", "benchmarks")
+        for path in (PACKAGE.parent / folder).rglob("*")
+        if path.suffix in {".py", ".md"}
+    )
+    unused = [
+        f"{module.name}: {name}"
+        for module in MODULES
+        if module.is_package and module.name not in {"symid", "symid.api"}
+        for _, name, _ in module.imports
+        if name not in {"TYPE_CHECKING", "load_names"}
+        and (module.name, name) not in used
+        and name not in texts
+    ]
+    assert not unused
 
 
 def test_every_folder_is_a_known_room():
-    folders = {path.name for path in PACKAGE.iterdir() if path.is_dir() and path.name[0] != "_"}
-    assert folders <= set(ROOMS)
+    folders = {
+        path.parent.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if "_data" not in path.parts
+    }
+    assert {".".join(folder.parts) or "kernel" for folder in folders} == set(ROOMS)
 
 
-@each_module
-def test_rooms_that_run_without_sympy_do_not_import_it(path):
-    module = name_of(path)
-    heads: set[str] = set()
-    for node in statements_at_import(parse(path)):
-        if isinstance(node, ast.Import | ast.ImportFrom):
-            names = imports_of(node, module, package=path.name == "__init__.py")
-            heads |= {name.split(".")[0] for name in names}
-    light = room_of(module) in WITHOUT_SYMBOLS or module in LIGHT_MODULES
-    assert not (light and heads & SYMBOLIC)
+def test_the_package_has_few_files():
+    assert len(MODULES) <= MOST_FILES
 
 
-def length_of(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
-    """Return the lines of a function without those of its arguments and its docstring."""
-    first = function.body[1:] if ast.get_docstring(function) else function.body
-    return function.end_lineno - first[0].lineno + 1 if first else 0
+def test_rooms_that_run_without_sympy_do_not_import_it():
+    wrong = []
+    for module in MODULES:
+        light = module.room.split(".")[0] == "identification" and module.name not in SYMBOLIC_MODULES
+        light = light or module.room in WITHOUT_SYMBOLS or module.name in LIGHT_MODULES
+        heads = {source.split(".")[0] for source, _, _ in list_imports(module.list_import_time_nodes())}
+        if light and heads & SYMBOLIC:
+            wrong.append(module.name)
+    assert not wrong
 
 
-@each_module
-def test_no_function_is_long(path):
-    functions = [n for n in ast.walk(parse(path)) if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef)]
-    lengths = {n.name: length_of(n) for n in functions}
-    long = {name: length for name, length in lengths.items() if length > LONGEST_FUNCTION}
+def test_no_function_is_long():
+    # Without its arguments and its docstring.
+    long = []
+    for module in MODULES:
+        for node in module.nodes:
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                first = node.body[1:] if ast.get_docstring(node) else node.body
+                length = node.end_lineno - first[0].lineno + 1 if first else 0
+                if length > LONGEST_FUNCTION:
+                    long.append(f"{module.name}.{node.name}: {length} lines")
     assert not long
 
 
-@pytest.mark.parametrize("path", plain, ids=name_of)
-def test_every_module_says_what_it_offers(path):
-    tree = parse(path)
-    names = exported(tree)
-    assert names is not None, "no __all__"
-    assert set(names) <= defined(tree)
-    assert len(set(names)) == len(names)
-    public = {n.name for n in tree.body if isinstance(n, ast.FunctionDef | ast.ClassDef) and n.name[0] != "_"}
-    assert public <= set(names), "public by name, but not in __all__"
+def test_no_class_has_the_name_of_another():
+    places = defaultdict(list)
+    for module in MODULES:
+        for node in module.tree.body:
+            if isinstance(node, ast.ClassDef):
+                places[node.name].append(module.name)
+    assert not {name: where for name, where in places.items() if len(where) > 1}
 
 
-@pytest.mark.parametrize("path", packages, ids=name_of)
-def test_packages_hold_a_docstring_only(path):
-    tree = parse(path)
-    assert ast.get_docstring(tree)
-    # The package itself names what the API offers.
-    assert path.parent == PACKAGE or len(tree.body) == 1
+def test_every_module_begins_with_a_docstring():
+    assert not [module.name for module in MODULES if not ast.get_docstring(module.tree)]
 
 
-@each_module
-def test_every_module_begins_with_a_docstring(path):
-    assert ast.get_docstring(parse(path))
-
-
-@each_module
-def test_no_module_changes_its_own_globals(path):
-    assert not [node for node in ast.walk(parse(path)) if isinstance(node, ast.Global)]
-
-
-@each_module
-def test_nothing_is_called_for_its_effect_at_import(path):
-    calls = [n for n in parse(path).body if isinstance(n, ast.Expr) and isinstance(n.value, ast.Call)]
-    assert not [ast.unparse(call) for call in calls]
-
-
-@each_module
-def test_modules_keep_no_growing_state(path):
-    # An empty list or dictionary at the top of a module is there to be filled later.
-    values = [n.value for n in parse(path).body if isinstance(n, ast.Assign | ast.AnnAssign)]
-    assert not {ast.unparse(value) for value in values if value is not None} & {
-        "[]",
-        "{}",
-        "set()",
-        "dict()",
-        "list()",
-    }
-
-
-@each_module
-def test_sets_of_symbols_are_never_walked(path):
-    # Their order differs from run to run.
-    names = [node.attr for node in ast.walk(parse(path)) if isinstance(node, ast.Attribute)]
-    assert "free_symbols" not in names
-
-
-@each_module
-def test_only_the_command_line_prints_or_exits(path):
-    if room_of(name_of(path)) == "cli":
-        return
-    calls = [n.func for n in ast.walk(parse(path)) if isinstance(n, ast.Call)]
-    names = {ast.unparse(func) for func in calls}
-    assert not names & {"print", "exit", "quit", "sys.exit", "os._exit", "click.echo"}
-
-
-VERBS = sorted(path for path in (PACKAGE / "cli").glob("*.py") if path.name != "__init__.py")
-# What is not a verb: how verbs are called, and what they share.
-HELPERS = frozenset({"call", "main", "inputs", "options", "output"})
-
-
-@pytest.mark.parametrize("path", [path for path in VERBS if path.stem not in HELPERS], ids=name_of)
-def test_a_verb_is_a_client_of_the_api(path):
-    allowed = ("symid.api", "symid.cli", "symid.errors", "click")
-    offered = {"symid", *(f"symid.{name}" for name in symid.__all__)}
+def test_packages_only_name_what_they_offer():
+    allowed = (ast.Expr, ast.ImportFrom, ast.If)
     wrong = [
-        name
-        for name in imports_of(parse(path), name_of(path), package=False)
-        if name not in offered
-        and not name.startswith(tuple(f"{head}." for head in allowed))
-        and name not in allowed
-        and name.split(".")[0] not in sys.stdlib_module_names
+        f"{module.name}: {ast.unparse(node)}"
+        for module in MODULES
+        if module.is_package
+        for node in module.tree.body
+        if not isinstance(node, allowed) and ast.unparse(node) != f"__version__ = '{symid.__version__}'"
+    ]
+    assert not wrong
+
+
+def test_no_module_changes_its_own_globals():
+    assert not [module.name for module in MODULES for node in module.nodes if isinstance(node, ast.Global)]
+
+
+def test_nothing_is_called_for_its_effect_at_import():
+    wrong = [
+        f"{module.name}: {ast.unparse(node)}"
+        for module in MODULES
+        for node in module.tree.body
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call)
+    ]
+    assert not wrong
+
+
+def test_modules_keep_no_growing_state():
+    # An empty list or dictionary at the top of a module is there to be filled later.
+    empty = {"[]", "{}", "set()", "dict()", "list()"}
+    wrong = [
+        f"{module.name}: {ast.unparse(node)}"
+        for module in MODULES
+        for node in module.tree.body
+        if isinstance(node, ast.Assign | ast.AnnAssign) and node.value and ast.unparse(node.value) in empty
+    ]
+    assert not wrong
+
+
+def test_sets_of_symbols_are_never_walked():
+    # Their order differs from run to run.
+    wrong = [
+        module.name
+        for module in MODULES
+        for node in module.nodes
+        if isinstance(node, ast.Attribute) and node.attr == "free_symbols"
+    ]
+    assert not wrong
+
+
+def test_only_the_command_line_prints_or_exits():
+    forbidden = {"print", "exit", "quit", "sys.exit", "os._exit", "click.echo"}
+    wrong = [
+        f"{module.name}: {ast.unparse(node)}"
+        for module in MODULES
+        if module.room != "cli"
+        for node in module.nodes
+        if isinstance(node, ast.Call) and ast.unparse(node.func) in forbidden
+    ]
+    assert not wrong
+
+
+def test_a_verb_is_a_client_of_the_api():
+    # What is not a verb: how verbs are called, and what they share.
+    shared = {"symid.cli.call", "symid.cli.main"}
+    allowed = {"symid", "symid.api", "symid.errors", "symid.environment", "click"}
+    offered = {f"symid.{name}" for name in symid.__all__}
+    wrong = [
+        f"{module.name}: {source}.{name}"
+        for module in MODULES
+        if module.room == "cli" and module.name not in shared
+        for source, name, _ in module.imports
+        if source not in allowed
+        and f"{source}.{name}" not in offered
+        and not source.startswith("symid.cli.")
+        and source.split(".")[0] not in sys.stdlib_module_names
     ]
     assert not wrong

@@ -10,16 +10,15 @@ from pathlib import Path
 import pytest
 
 import symid.errors
+from symid.errors import NOTES
+from tests.architecture.source import MODULES, PROJECT
 
-PROJECT = Path(__file__).resolve().parents[2]
-PACKAGE = PROJECT / "symid"
 HEAVY = ("numpy", "scipy", "sympy", "casadi", "jinja2")
 # Put together here, so that this file is not found by its own search.
 MACHINE_FOLDERS = tuple("/" + name + "/" for name in ("root", "home", "work", "Users", "mnt", "opt"))
 TEXT = {".py", ".toml", ".md", ".jinja", ".c", ".h", ".txt", ".json", ".yml", ".cfg", ".csv", ".html", ""}
 IGNORED = {".git", ".venv", ".mypy_cache", ".ruff_cache", ".pytest_cache", ".hypothesis", "__pycache__"}
 IGNORED |= {"_build", "build", "dist", "demo"}
-MODULES = sorted(path for path in PACKAGE.rglob("*.py") if "_data" not in path.parts)
 
 
 def run_python(*arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
@@ -60,11 +59,7 @@ def test_no_machine_path_in_the_tree():
 
 
 def test_importing_every_module_prints_and_writes_nothing(tmp_path):
-    names = [
-        ".".join(path.relative_to(PROJECT).with_suffix("").parts)
-        for path in MODULES
-        if path.stem not in {"__init__", "__main__"}
-    ]
+    names = [module.name for module in MODULES if module.name != "symid.__main__"]
     script = (
         "import importlib, os, random, sys, threading, warnings\n"
         "warnings.simplefilter('error')\n"
@@ -88,13 +83,13 @@ def test_help_loads_no_heavy_package():
 
 
 LIGHT = (
-    "formats.toml",
-    "formats.urdf",
+    "robot.toml_reader",
+    "robot.urdf_reader",
     "codegen.library",
     "codegen.cache",
     "simulation.experiment",
-    "identification.identify",
-    "report.identification",
+    "identification.rigid.fit",
+    "report.identification_page",
 )
 
 
@@ -122,9 +117,9 @@ def test_every_error_is_expected_in_some_test():
 def test_every_error_raised_is_of_the_tree():
     allowed = {*error_classes(), "TypeError", "ValueError", "KeyError", "ImportError", "AttributeError"}
     raised = {
-        (path.name, ast.unparse(node.exc.func).split(".")[-1])
-        for path in MODULES
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        (module.name, ast.unparse(node.exc.func).split(".")[-1])
+        for module in MODULES
+        for node in module.nodes
         if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call)
     }
     endings = ("Error", "Exception", "Exit")
@@ -133,12 +128,21 @@ def test_every_error_raised_is_of_the_tree():
 
 def notice_codes() -> list[str]:
     """Return every notice code that stands in the package."""
-    rooms = {path.name for path in PACKAGE.iterdir() if path.is_dir()} - {"api"}
-    others = {"log", "usage", "estimate", "output", "solver", "library", "symid", "simulate"}
-    verbs = {path.stem for path in (PACKAGE / "cli").glob("*.py")}
-    heads = "|".join(sorted({*rooms, *others, *verbs}))
-    pattern = re.compile(rf'"((?:{heads})\.(?!html|toml|json|npz|csv|py|h|c|so)[a-z0-9]+(?:-[a-z0-9]+)*)"')
-    return sorted({code for path in MODULES for code in pattern.findall(path.read_text(encoding="utf-8"))})
+    calls = (
+        node
+        for module in MODULES
+        for node in module.nodes
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == "Notice"
+    )
+    codes = {
+        part.value
+        for call in calls
+        for keyword in call.keywords
+        if keyword.arg == "code"
+        for part in ast.walk(keyword.value)
+        if isinstance(part, ast.Constant) and isinstance(part.value, str)
+    }
+    return sorted({*codes, *NOTES})
 
 
 def test_notices_are_found():

@@ -10,8 +10,8 @@ import pytest
 
 from symid.codegen.c_library import generate_c_library
 from symid.codegen.casadi_functions import build_functions
-from symid.codegen.writer import write_sources
-from symid.formats.toml import read_robot
+from symid.codegen.source_folder import write_sources
+from symid.robot.toml_reader import read_robot
 
 
 @pytest.fixture(scope="module")

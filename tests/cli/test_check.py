@@ -7,7 +7,7 @@ import pytest
 
 from symid.cli.main import run
 from symid.codegen.cache import prepare_library
-from symid.formats.toml import read_robot
+from symid.robot.toml_reader import read_robot
 
 
 def call_json(capsys, *arguments):

@@ -9,17 +9,15 @@ import pytest
 
 from symid.cli.main import run
 from symid.codegen.model_card import build_model_card
-from symid.elastic.estimate import ElasticEstimate
-from symid.elastic.fit import ElasticOutcome
-from symid.elastic.motor_side import build_rigid_variant
-from symid.elastic.storage import write_elastic_estimate
-from symid.estimators.estimate import ParameterEstimate, Residual
-from symid.formats.settings import list_processing
-from symid.formats.toml import read_robot
-from symid.formats.writer import write_robot
-from symid.identification.storage import write_estimate
-from symid.parameters.base import find_base_parameters
+from symid.dynamics.base_parameters import derive_base_parameters
+from symid.identification.elastic.estimate import ElasticEstimate, MethodOutcome, write_elastic_estimate
+from symid.identification.elastic.routing import build_rigid_variant
+from symid.identification.estimators.estimate import ParameterEstimate, Residual
+from symid.identification.rigid.storage import write_estimate
 from symid.robot.description import FrictionKind, FrictionValues
+from symid.robot.toml_reader import read_robot
+from symid.robot.toml_settings import list_processing
+from symid.robot.toml_writer import write_robot
 from tests.chains import PUMA560
 from tests.estimates import STD, build_estimate, fill_robot, make_plain, store_estimate
 
@@ -359,9 +357,9 @@ def test_an_estimate_with_another_friction_model_shares_its_bodies(capsys, arm, 
     code, answer = call(capsys, folder / "arm.toml", tmp_path / "ours.json", tmp_path / "theirs.json")
     assert code == 0, answer
     (found,) = answer["result"]["others"]
-    count = find_base_parameters(robot).count
+    count = derive_base_parameters(robot).count
     assert [entry["group"] for entry in found["groups"]] == [
-        entry.name for entry in find_base_parameters(robot).parameters
+        entry.name for entry in derive_base_parameters(robot).parameters
     ]
     assert (found["judged"], len(found["other_model"]), len(found["absent"])) == (count, 24, 12)
 
@@ -422,7 +420,7 @@ def test_an_estimate_without_covariance_says_so(capsys, arm, tmp_path):
 
 def store_elastic(robot, path, shift=0.0):
     """Write an estimate of elastic joints with the values of the robot file, rotors among them."""
-    card = build_model_card(robot, find_base_parameters(robot), ())
+    card = build_model_card(robot, derive_base_parameters(robot), ())
     cards = (*card.beta, *card.rotors, *card.friction)
     parameters = tuple(
         ParameterEstimate(name=entry.name, value=entry.value + shift, std=STD, unit=entry.unit)
@@ -442,7 +440,7 @@ def store_elastic(robot, path, shift=0.0):
         residual=residual,
         energy=residual[0],
         condition=1.0,
-        outcome=ElasticOutcome.SOLVED,
+        outcome=MethodOutcome.SOLVED,
         history=(),
         trials=(),
         sources=(f"{path.stem}.npz",),
@@ -461,7 +459,7 @@ def test_estimates_of_elastic_joints_are_compared_without_their_springs(capsys, 
     codes = find_codes(answer)
     assert [code for code in codes if code.startswith("compare")] == ["compare.springs"] * 2
     (found,) = answer["result"]["others"]
-    base = find_base_parameters(robot)
+    base = derive_base_parameters(robot)
     names = [entry.name for entry in (*base.parameters, *base.friction)]
     assert [entry["group"] for entry in found["groups"]] == names
     assert [entry["deviations"] for entry in found["groups"]] == pytest.approx([-np.sqrt(0.5)] * len(names))

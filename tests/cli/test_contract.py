@@ -10,7 +10,7 @@ import time
 import click
 import pytest
 
-from symid.cli.call import VERBS, run, symid
+from symid.cli.call import VERBS, answer_call, symid
 from symid.errors import (
     EstimateError,
     GenerationError,
@@ -59,7 +59,7 @@ rotor_inertia = 1e-5
 
 def call(capsys, *arguments):
     """Run the command line in this process; return its exit code and what it wrote."""
-    code = run([str(argument) for argument in arguments])
+    code = answer_call([str(argument) for argument in arguments])
     written = capsys.readouterr()
     return code, written.out, written.err
 
@@ -76,7 +76,7 @@ def fail_with(monkeypatch, error):
     def raise_it(*_args, **_options):
         raise error
 
-    monkeypatch.setattr("symid.formats.loading.load_robot", raise_it)
+    monkeypatch.setattr("symid.robot.loading.load_robot", raise_it)
 
 
 @pytest.mark.parametrize("name", VERBS)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from symid.api.demo import judge_demo
-from symid.elastic.tracking import TrackingRun
+from symid.api.first_steps import judge_demo
+from symid.identification.elastic.validation import TrackingRun
 
 
 def follow(*sizes):

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from symid.cli.main import run
-from symid.elastic.storage import read_elastic_estimate
-from symid.formats.toml import read_robot
-from symid.parameters.base import find_base_parameters
-from symid.parameters.values import find_parameter_values
+from symid.dynamics.base_parameters import compute_parameter_values, derive_base_parameters
+from symid.identification.elastic.estimate import read_elastic_estimate
+from symid.robot.toml_reader import read_robot
 
 ROBOT = "two_link_elastic"
 SHORT = ("--duration", "6")
@@ -258,7 +257,7 @@ def test_the_exported_robot_has_what_was_identified(estimate, exported):
     found = read_elastic_estimate(estimate)
     robot = read_robot(exported)
     assert [joint.elasticity for joint in robot.joints] == [spring.elasticity for spring in found.springs]
-    values = find_parameter_values(robot, find_base_parameters(robot))
+    values = compute_parameter_values(robot, derive_base_parameters(robot))
     values |= {f"IA{number}": joint.drive.rotor_inertia for number, joint in enumerate(robot.joints, start=1)}
     assert len(found.parameters) == 12
     for entry in found.parameters:
@@ -327,7 +326,7 @@ def test_a_motor_side_estimate_is_tried_and_written_as_rigid(capsys, folder, mot
     assert "export.rigid-variant" in {entry["code"] for entry in answer["warnings"]}
     robot = read_robot(path)
     assert not any(robot.elastic)
-    values = find_parameter_values(robot, find_base_parameters(robot))
+    values = compute_parameter_values(robot, derive_base_parameters(robot))
     for entry in json.loads(found.read_text(encoding="utf-8"))["parameters"]:
         assert values[entry["name"]] == pytest.approx(entry["value"], rel=1e-9, abs=1e-12)
 
@@ -346,4 +345,4 @@ def test_values_of_no_bodies_say_how_far_the_nearest_are(capsys, estimate, tmp_p
     (told,) = (entry["text"] for entry in answer["warnings"] if entry["code"] == "export.inconsistent")
     assert ("standard deviations away" in told) == known
     robot = read_robot(tmp_path / "nearest.toml")
-    assert find_parameter_values(robot, find_base_parameters(robot))["ZZ2"] > 0.0
+    assert compute_parameter_values(robot, derive_base_parameters(robot))["ZZ2"] > 0.0

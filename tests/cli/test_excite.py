@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from symid.cli.main import run
-from symid.excitation.workspace import read_workspace
-from symid.formats.toml import read_robot
+from symid.excitation.limits import read_workspace
+from symid.robot.toml_reader import read_robot
 
 # Franka Emika, data sheet of the Panda: rad, rad/s, rad/s^2, rad/s^3.
 LOW = np.array([-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973])

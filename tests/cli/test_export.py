@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from symid.cli.main import run
-from symid.formats.toml import read_robot
-from symid.parameters.base import find_base_parameters
-from symid.parameters.identified_robot import build_identified_robot
-from symid.parameters.values import find_parameter_values
+from symid.dynamics.base_parameters import compute_parameter_values, derive_base_parameters
+from symid.dynamics.physical_consistency import build_identified_robot
 from symid.robot.elasticity import Elasticity, Stop
+from symid.robot.toml_reader import read_robot
 
 
 def call(capsys, *arguments):
@@ -33,7 +32,7 @@ def test_the_file_has_the_identified_values(capsys, identified, tmp_path):
     assert code == 0, answer
     assert answer["result"]["outcome"] == "consistent"
     robot = read_robot(file)
-    values = find_parameter_values(robot, find_base_parameters(robot))
+    values = compute_parameter_values(robot, derive_base_parameters(robot))
     for entry in estimate["parameters"]:
         assert values[entry["name"]] == pytest.approx(entry["value"], rel=1e-9, abs=1e-9)
 
@@ -69,8 +68,8 @@ def test_values_of_no_bodies_are_said_and_the_nearest_are_written(capsys, identi
 
 def test_an_elastic_robot_gets_its_rotors_and_springs(robots_folder):
     robot = read_robot(robots_folder / "two_link_elastic.toml")
-    base = find_base_parameters(robot)
-    values = {name: 1.02 * value for name, value in find_parameter_values(robot, base).items()}
+    base = derive_base_parameters(robot)
+    values = {name: 1.02 * value for name, value in compute_parameter_values(robot, base).items()}
     springs = (
         Elasticity(stiffness=300.0, stops=(Stop(threshold=0.01, stiffness=50.0),)),
         Elasticity(stiffness=80.0),
@@ -80,5 +79,5 @@ def test_an_elastic_robot_gets_its_rotors_and_springs(robots_folder):
     ).robot
     assert [joint.elasticity for joint in found.joints] == list(springs)
     assert [joint.drive.rotor_inertia for joint in found.joints] == [0.26, 0.04]
-    again = find_parameter_values(found, base)
+    again = compute_parameter_values(found, base)
     np.testing.assert_allclose([again[name] for name in values], list(values.values()), rtol=1e-9, atol=1e-12)

@@ -13,12 +13,11 @@ import pinocchio as pin
 import pytest
 
 from symid.cli.main import run
-from symid.formats.toml import read_robot
-from symid.formats.urdf import parse_urdf
-from symid.formats.urdf_writer import write_urdf
+from symid.dynamics.base_parameters import compute_parameter_values, derive_base_parameters
 from symid.notation import INERTIAL
-from symid.parameters.base import find_base_parameters
-from symid.parameters.values import find_parameter_values
+from symid.robot.toml_reader import read_robot
+from symid.robot.urdf_reader import parse_urdf
+from symid.robot.urdf_writer import write_urdf
 from tests.chains import build_pinocchio, build_transmission, regress
 from tests.estimates import STD, fill_robot, store_estimate
 from tests.mujocos import find_mujoco_torques
@@ -142,10 +141,10 @@ def test_symid_reads_the_identified_values_in_the_urdf(capsys, tmp_path, robots_
     code, answer = call(capsys, "export", "panda", tmp_path / "estimate.json", "-o", file)
     assert (code, answer["result"]["left_out"]) == (0, [])
     back = parse_urdf(file.read_text(encoding="utf-8"))
-    base = find_base_parameters(back)
+    base = derive_base_parameters(back)
     found, wanted = (
-        find_parameter_values(back, base),
-        find_parameter_values(robot, find_base_parameters(robot)),
+        compute_parameter_values(back, base),
+        compute_parameter_values(robot, derive_base_parameters(robot)),
     )
     assert list(found) == list(wanted)
     np.testing.assert_allclose(list(found.values()), list(wanted.values()), rtol=1e-9, atol=1e-9)
@@ -273,7 +272,7 @@ def test_the_json_has_values_bodies_and_what_was_identified(capsys, wrist, tmp_p
         ["log.npz"],
         [0, 0, -9.81],
     )
-    wanted = find_parameter_values(robot, find_base_parameters(robot))
+    wanted = compute_parameter_values(robot, derive_base_parameters(robot))
     rows = [*found["vectors"]["beta"], *found["vectors"]["f"]]
     assert [row["name"] for row in rows] == list(wanted)
     np.testing.assert_allclose([row["value"] for row in rows], list(wanted.values()), rtol=1e-9, atol=1e-10)

@@ -8,9 +8,9 @@ import subprocess
 import pytest
 
 from symid.cli.main import run
-from symid.formats.toml import read_robot
-from symid.formats.writer import write_robot
-from symid.robot.inertia import find_standard_parameters
+from symid.robot.inertia import compute_standard_parameters
+from symid.robot.toml_reader import read_robot
+from symid.robot.toml_writer import write_robot
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +34,7 @@ def folder(page, tmp_path_factory, robots_folder):
         patch.chdir(root)
         run_lines(list_blocks(page, "sh")[0])
         robot = read_robot(robots_folder / "two_link.toml")
-        added = find_standard_parameters(0.8, (0.1, 0.02, 0.0), (0.002, 0.0, 0.0, 0.002, 0.0, 0.003))
+        added = compute_standard_parameters(0.8, (0.1, 0.02, 0.0), (0.002, 0.0, 0.0, 0.002, 0.0, 0.003))
         last = robot.joints[-1]
         total = tuple(a + b for a, b in zip(last.inertial, added, strict=True))
         joints = (*robot.joints[:-1], dataclasses.replace(last, inertial=total))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from symid.cli.main import run
-from symid.joint.friction_laws import FRICTION_LAWS
+from symid.joint_models.friction_catalogue import FRICTION_LAWS
 
 
 def call_json(capsys, *arguments):

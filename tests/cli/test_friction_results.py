@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from symid.codegen.cache import prepare_library
-from symid.formats.toml import read_robot
-from symid.joint.friction_law import find_torque
-from symid.joint.friction_laws import get_law
+from symid.joint_models.friction_catalogue import get_law
+from symid.joint_models.friction_law import compute_friction_torque
+from symid.robot.toml_reader import read_robot
 from tests.cli.test_identify_friction import (
     AXIS_LAW,
     LAW,
@@ -78,7 +78,7 @@ def test_the_robot_file_has_the_torque_of_the_law(capsys, identify, tmp_path):
     velocity = np.linspace(-0.2, 0.2, 801)
     (columns,) = library.evaluate("friction_regressor", velocity[:, None])
     law = get_law("stribeck+offset", smoothing=0.001)
-    expected = find_torque(law, {"velocity": velocity}, estimate["linear"], estimate["shape"])
+    expected = compute_friction_torque(law, {"velocity": velocity}, estimate["linear"], estimate["shape"])
     torque = columns[:, 0] @ np.array(friction.values)
     assert np.max(np.abs(torque - expected)) <= 1e-12 * np.max(np.abs(expected))
     code, out, _ = call(capsys, "export", "emps", result, "-o", file, "--force")

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from symid.cli.call import run
-from symid.friction.estimators import ESTIMATORS
+from symid.cli.call import answer_call
+from symid.identification.friction.estimators import ESTIMATORS
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +20,7 @@ def answer(tmp_path_factory):
     page = tmp_path_factory.mktemp("study") / "tables.html"
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = run(
+        code = answer_call(
             ["study", "friction-tables", "--seeds", "2", "--jobs", "1", "-o", str(page), "--json", "-q"]
         )
     return code, out.getvalue(), err.getvalue(), page
@@ -71,7 +71,7 @@ def test_the_page_has_a_counterpart_of_every_figure(answer):
 
 def test_people_read_the_paper_next_to_ours(monkeypatch):
     # The tables of the terminal and of the page are one text.
-    from symid.report import friction_study_tables, study_text
+    from symid.report import study_text, study_text as friction_study_tables
 
     table = friction_study_tables.StudyTable(
         title="title", names=("who", "estimator"), rows=(("paper", "a"), ("ours", "b")), notes=("n",)
@@ -97,19 +97,19 @@ def test_people_read_the_paper_next_to_ours(monkeypatch):
     ],
 )
 def test_options_that_a_study_does_not_read_are_refused(capsys, arguments):
-    assert run(["study", *arguments, "--json"]) == 2
+    assert answer_call(["study", *arguments, "--json"]) == 2
     (error,) = json.loads(capsys.readouterr().out)["errors"]
     assert error["code"] == "usage.call"
     assert f"Try 'symid study {arguments[0]} --help'." in error["text"]
 
 
 def test_every_study_has_help_of_its_own(capsys):
-    assert run(["study", "--help"]) == 0
+    assert answer_call(["study", "--help"]) == 0
     names = re.findall(r"^  ([a-z-]+)  ", capsys.readouterr().out.partition("Commands:")[2], re.MULTILINE)
     assert names == ["cutoff", "elastic", "friction-tables", "precision", "six-joints", "tracking"]
     takes = {}
     for name in names:
-        assert run(["study", name, "--help"]) == 0
+        assert answer_call(["study", name, "--help"]) == 0
         text = capsys.readouterr().out
         assert "--json" in text
         takes[name] = {option for option in ("--times", "--output", "--seeds") if option in text}
@@ -121,24 +121,24 @@ def test_every_study_has_help_of_its_own(capsys):
 @pytest.mark.parametrize("flags", [("--json",), ("-q", "--json"), ("-vq", "--json")])
 def test_common_flags_stand_before_a_study_or_behind_it(capsys, flags):
     arguments = ("friction-tables", "--seeds", "1")
-    assert run(["study", *arguments, *flags]) == 2
+    assert answer_call(["study", *arguments, *flags]) == 2
     behind = capsys.readouterr()
-    assert run(["study", *flags, *arguments]) == 2
+    assert answer_call(["study", *flags, *arguments]) == 2
     assert capsys.readouterr() == behind
     assert json.loads(behind.out)["errors"][0]["code"] == "usage.friction-draws"
 
 
 def test_a_study_must_be_named(capsys):
-    assert run(["study", "--json"]) == 2
+    assert answer_call(["study", "--json"]) == 2
     (error,) = json.loads(capsys.readouterr().out)["errors"]
     assert error["code"] == "usage.call"
     assert "one of elastic, tracking" in error["text"]
-    assert run(["study"]) == 2
+    assert answer_call(["study"]) == 2
     assert "friction-tables" in capsys.readouterr().err
 
 
 def test_one_draw_is_refused(capsys):
-    assert run(["study", "friction-tables", "--seeds", "1", "--json"]) == 2
+    assert answer_call(["study", "friction-tables", "--seeds", "1", "--json"]) == 2
     (error,) = json.loads(capsys.readouterr().out)["errors"]
     assert error["code"] == "usage.friction-draws"
 
@@ -147,7 +147,7 @@ def test_a_page_that_cannot_be_written_is_refused_before_the_work(capsys, tmp_pa
     page = tmp_path / "page.html"
     page.write_text("mine", encoding="utf-8")
     for target, code in ((page, "output.exists"), (tmp_path / "none" / "page.html", "output.no-folder")):
-        assert run(["study", "friction-tables", "-o", str(target), "--json", "-q"]) == 3
+        assert answer_call(["study", "friction-tables", "-o", str(target), "--json", "-q"]) == 3
         (error,) = json.loads(capsys.readouterr().out)["errors"]
         assert error["code"] == code
     assert page.read_text(encoding="utf-8") == "mine"

@@ -105,12 +105,12 @@ def test_another_compiler_runs_the_self_test_again(capsys, made, target, monkeyp
     if target == "python":
         monkeypatch.setattr("platform.python_version", lambda: "3.99.0")
     else:
-        from symid.codegen.compiler import find_compiler
+        from symid.codegen.compiler import locate_compiler
 
         other = next((name for name in ("clang", "gcc") if shutil.which(name)), None)
         if other is None:
             pytest.skip("wants gcc or clang besides cc")
-        monkeypatch.setattr("symid.codegen.compiler.find_compiler", lambda *_: find_compiler(other))
+        monkeypatch.setattr("symid.codegen.compiler.locate_compiler", lambda *_: locate_compiler(other))
     code, answer = call(capsys, *order)
     assert (code, answer["result"]["unchanged"]) == (0, False)
 

@@ -44,12 +44,12 @@ def make_compiler(folder, script):
 def use_compiler(monkeypatch, path):
     # What takes the function along when it is first imported must have done so before.
     import symid.codegen.cache
-    from symid.codegen.compiler import find_compiler
+    from symid.codegen.compiler import locate_compiler
 
-    assert symid.codegen.cache.find_compiler is find_compiler
-    found = find_compiler(str(path))
+    assert symid.codegen.cache.locate_compiler is locate_compiler
+    found = locate_compiler(str(path))
     assert found is not None
-    monkeypatch.setattr("symid.codegen.compiler.find_compiler", lambda *_: found)
+    monkeypatch.setattr("symid.codegen.compiler.locate_compiler", lambda *_: found)
 
 
 NO_FILES = 'for a in "$@"; do [ "$a" = -c ] && exit 1; done; exec cc "$@"'
@@ -97,7 +97,7 @@ def test_only_the_program_itself_can_pass(capsys, tmp_path, monkeypatch, c_compi
 
 @pytest.mark.usefixtures("with_make")
 def test_a_test_that_does_not_end_is_said(capsys, tmp_path, monkeypatch, c_compiler):
-    monkeypatch.setattr("symid.codegen.selftest._TIMEOUT", 3.0)
+    monkeypatch.setattr("symid.codegen.generation._SELFTEST_TIMEOUT", 3.0)
     program = "#!/bin/sh\\\\nexec sleep 60\\\\n"
     use_compiler(monkeypatch, make_compiler(tmp_path / "bin", build_instead(program)))
     code, answer = call(capsys, *NAMES, "-o", tmp_path / "code")
@@ -203,7 +203,7 @@ def test_many_at_once_leave_what_the_last_of_them_made(capsys, tmp_path, project
 
 
 def test_a_run_that_waits_says_so(capfd, tmp_path):
-    from symid.codegen.folder_lock import lock_folder
+    from symid.codegen.source_folder import lock_folder
 
     folder = tmp_path / "code"
     done = []

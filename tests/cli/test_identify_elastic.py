@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from symid.cli.main import run
-from symid.formats.locate import find_robot_file
+from symid.robot.loading import locate_robot_file
 
 KR300 = Path(__file__).parents[3] / "shared" / "data" / "kr300"
 MISSING = pytest.mark.skipif(not KR300.exists(), reason=f"the KR300's recordings are not at {KR300}")
@@ -282,7 +282,7 @@ def test_cutting_off_all_of_an_elastic_log_is_refused(capsys, two_sided):
 @pytest.fixture
 def strict_arm(tmp_path):
     """Return the elastic arm with settings of rigid robots in its file."""
-    text = find_robot_file("two_link_elastic").read_text(encoding="utf-8")
+    text = locate_robot_file("two_link_elastic").read_text(encoding="utf-8")
     path = tmp_path / "strict.toml"
     settings = (
         "[processing]\nfilter_cutoff = 22\ndrop_first = 100\nstandstill = 0.1\ndecimation = { factor = 4 }\n"
@@ -380,7 +380,7 @@ def test_positions_of_links_alone_are_no_motor_side(capsys, link_side):
 
 
 def test_a_robot_with_a_rigid_joint_takes_the_motors_where_joints_are_elastic(capsys, experiment, tmp_path):
-    text = find_robot_file("two_link_elastic").read_text(encoding="utf-8")
+    text = locate_robot_file("two_link_elastic").read_text(encoding="utf-8")
     first, last = text.rindex("[joint.elasticity]"), text.rindex("[joint.limits]")
     robot = tmp_path / "mixed.toml"
     robot.write_text(text[:first] + text[last:], encoding="utf-8")

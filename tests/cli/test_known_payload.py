@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from symid.cli.main import run
-from symid.formats.toml import read_robot
-from symid.formats.writer import write_robot
-from symid.robot.inertia import find_standard_parameters
+from symid.robot.inertia import compute_standard_parameters
+from symid.robot.toml_reader import read_robot
+from symid.robot.toml_writer import write_robot
 
 MASS, CENTRE, INERTIA = 0.8, (0.1, 0.02, 0.0), (0.002, 0.0, 0.0, 0.002, 0.0, 0.003)
 DISC = (
@@ -29,7 +29,7 @@ def folder(tmp_path_factory, robots_folder):
     """Return a folder with logs of the robot without and with the payload, which another robot file has."""
     root = tmp_path_factory.mktemp("loaded")
     robot = read_robot(robots_folder / "two_link.toml")
-    added = find_standard_parameters(MASS, CENTRE, INERTIA)
+    added = compute_standard_parameters(MASS, CENTRE, INERTIA)
     last = robot.joints[-1]
     total = tuple(a + b for a, b in zip(last.inertial, added, strict=True))
     loaded = dataclasses.replace(

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from symid.cli.main import run
-from symid.data.headings import read_headings
-from symid.data.readers import read_recording
-from symid.data.table import RawLog
-from symid.formats.toml import read_robot
+from symid.logs.files import RawLog
+from symid.logs.headings import read_headings
+from symid.logs.reader import read_recording
 from symid.robot.description import Drive, FrictionKind
+from symid.robot.toml_reader import read_robot
 
 TABLE = "joint,alpha,a,d,theta\nshoulder,0,0,0,q\nelbow_joint,0,0.5,0,q\nslide,0,0.3,q,0\n"
 SOURCE = ("--from-dh", "rows.csv", "--convention", "modified", "--gravity", "0,0,-9.81")
@@ -373,7 +373,7 @@ def test_a_known_name_with_a_unit_of_its_own_is_read_as_it_says(capsys, folder):
 )
 def test_headings_are_read_as_words(heading, robots_folder):
     (joint, *_) = read_robot(robots_folder / "two_link.toml").joints
-    from symid.data.table import split_heading
+    from symid.logs.files import split_heading
 
     name, unit = split_heading(heading)
     raw = RawLog(columns={name: np.zeros(3)}, units={} if unit is None else {name: unit})
@@ -396,7 +396,7 @@ def test_headings_are_read_as_words(heading, robots_folder):
 )
 def test_what_is_not_a_quantity_of_a_joint_is_none(heading, robots_folder):
     (joint, *_) = read_robot(robots_folder / "two_link.toml").joints
-    from symid.data.table import split_heading
+    from symid.logs.files import split_heading
 
     name, unit = split_heading(heading)
     raw = RawLog(columns={name: np.zeros(3)}, units={} if unit is None else {name: unit})

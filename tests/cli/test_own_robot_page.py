@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from scipy.signal import cheby1, sosfiltfilt
 
-from symid.data.headings import read_headings
-from symid.data.table import RawLog
-from symid.formats.toml import parse_robot
-from symid.parameters.base import find_base_parameters
-from symid.parameters.values import find_parameter_values
+from symid.dynamics.base_parameters import compute_parameter_values, derive_base_parameters
+from symid.logs.files import RawLog
+from symid.logs.headings import read_headings
+from symid.robot.toml_reader import parse_robot
 from tests.transcripts import compare, list_steps, run_step
 
 TRUTH = """
@@ -151,7 +150,7 @@ def test_files_are_small_and_all_there(project):
 
 def find_truth():
     robot = parse_robot(TRUTH)
-    return find_parameter_values(robot, find_base_parameters(robot))
+    return compute_parameter_values(robot, derive_base_parameters(robot))
 
 
 def test_the_truth_is_found(walk):

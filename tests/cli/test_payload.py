@@ -8,17 +8,15 @@ import pytest
 
 from symid.cli.main import run
 from symid.codegen.model_card import build_model_card
-from symid.elastic.estimate import ElasticEstimate
-from symid.elastic.fit import ElasticOutcome
-from symid.elastic.motor_side import build_rigid_variant
-from symid.elastic.storage import write_elastic_estimate
-from symid.estimators.estimate import ParameterEstimate, Residual
-from symid.formats.settings import list_processing
-from symid.formats.toml import read_robot
-from symid.formats.writer import write_robot
-from symid.parameters.base import find_base_parameters
+from symid.dynamics.base_parameters import derive_base_parameters
+from symid.identification.elastic.estimate import ElasticEstimate, MethodOutcome, write_elastic_estimate
+from symid.identification.elastic.routing import build_rigid_variant
+from symid.identification.estimators.estimate import ParameterEstimate, Residual
 from symid.robot.description import FrictionKind, FrictionValues
-from symid.robot.inertia import find_standard_parameters
+from symid.robot.inertia import compute_standard_parameters
+from symid.robot.toml_reader import read_robot
+from symid.robot.toml_settings import list_processing
+from symid.robot.toml_writer import write_robot
 from tests.chains import PUMA560, regress
 from tests.estimates import build_estimate, fill_robot, make_plain, store_estimate
 
@@ -36,7 +34,7 @@ def find_codes(answer):
 
 def add_payload(robot):
     """Return the robot with the payload in its last link frame."""
-    body = find_standard_parameters(MASS, CENTRE, INERTIA)
+    body = compute_standard_parameters(MASS, CENTRE, INERTIA)
     last = robot.joints[-1]
     total = tuple(a + b for a, b in zip(last.inertial, body, strict=True))
     return dataclasses.replace(robot, joints=(*robot.joints[:-1], dataclasses.replace(last, inertial=total)))
@@ -46,7 +44,7 @@ def find_covariance(robot, scale):
     """Return the covariance of an estimate from torques at random states."""
     estimate = build_estimate(robot)
     labels = {f"{name}{joint + 1}": (joint, name) for joint in range(robot.size) for name in ("Fv", "Fc")}
-    labels |= {entry.name: entry.label for entry in find_base_parameters(robot).parameters}
+    labels |= {entry.name: entry.label for entry in derive_base_parameters(robot).parameters}
     rng = np.random.default_rng(1)
     rows = np.vstack(
         [
@@ -241,7 +239,7 @@ def test_calls_that_cannot_be_answered(capsys, arm, logs, tmp_path):
 
 def build_elastic_estimate(robot):
     """Return an estimate of elastic joints with the values of the robot file, and one spring refused."""
-    card = build_model_card(robot, find_base_parameters(robot), ())
+    card = build_model_card(robot, derive_base_parameters(robot), ())
     cards = (*card.beta, *card.rotors, *card.friction)
     parameters = tuple(
         ParameterEstimate(name=entry.name, value=entry.value, std=1e-4, unit=entry.unit) for entry in cards
@@ -260,7 +258,7 @@ def build_elastic_estimate(robot):
         residual=residual,
         energy=residual[0],
         condition=1.0,
-        outcome=ElasticOutcome.SOLVED,
+        outcome=MethodOutcome.SOLVED,
         history=(),
         trials=(),
         sources=("log.npz",),

@@ -8,8 +8,8 @@ import pytest
 from symid.cli.main import run
 from symid.codegen.cache import prepare_library
 from symid.excitation.trajectories import FourierOptions, build_random_fourier
-from symid.formats.overrides import override_robot
-from symid.formats.toml import read_robot
+from symid.robot.loading import override_robot
+from symid.robot.toml_reader import read_robot
 
 FRICTION = "viscous_coulomb_offset"
 

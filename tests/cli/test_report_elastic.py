@@ -8,12 +8,15 @@ import pytest
 
 from symid.cli.main import run
 from symid.codegen.cache import prepare_library
-from symid.elastic.estimate import ElasticEstimate, SpringEstimate
-from symid.elastic.fit import ElasticOutcome
-from symid.elastic.storage import write_elastic_estimate
-from symid.estimators.estimate import ParameterEstimate, Residual
-from symid.formats.loading import load_robot
-from symid.formats.settings import describe_settings
+from symid.identification.elastic.estimate import (
+    ElasticEstimate,
+    MethodOutcome,
+    SpringEstimate,
+    write_elastic_estimate,
+)
+from symid.identification.estimators.estimate import ParameterEstimate, Residual
+from symid.robot.loading import load_robot
+from symid.robot.toml_settings import describe_settings
 
 ROBOT = "two_link_elastic"
 
@@ -64,7 +67,7 @@ def estimate():
         residual=residuals,
         energy=replace(residuals[0], joint="all joints", unit="J"),
         condition=20.0,
-        outcome=ElasticOutcome.SOLVED,
+        outcome=MethodOutcome.SOLVED,
         history=(),
         trials=(),
         sources=("training.npz",),

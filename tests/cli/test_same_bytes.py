@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import pytest
 
-from symid.threads import THREAD_VARIABLES
+from symid.environment import THREAD_VARIABLES
 
 
 class Caller(NamedTuple):

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from symid.cli.main import run
-from symid.data.readers import read_recording
-from symid.formats.toml import read_robot
+from symid.logs.reader import read_recording
+from symid.robot.toml_reader import read_robot
 
 
 def call_json(capsys, *arguments):

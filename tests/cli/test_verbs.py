@@ -85,8 +85,8 @@ def test_generate_says_when_there_is_no_compiler(capsys, tmp_path, monkeypatch):
     import symid.codegen.cache
     import symid.codegen.compiler
 
-    assert symid.codegen.cache.find_compiler is symid.codegen.compiler.find_compiler
-    monkeypatch.setattr("symid.codegen.compiler.find_compiler", lambda *_: None)
+    assert symid.codegen.cache.locate_compiler is symid.codegen.compiler.locate_compiler
+    monkeypatch.setattr("symid.codegen.compiler.locate_compiler", lambda *_: None)
     code, answer = call_json(capsys, "generate", "emps", "-o", tmp_path / "code")
     assert code == 0
     assert [entry["code"] for entry in answer["warnings"]] == ["generate.selftest-not-run"]
@@ -140,7 +140,7 @@ def test_simulate_writes_over_nothing(capsys, log):
 
 
 def test_simulate_ta_is_for_two_joints(capsys, tmp_path, monkeypatch):
-    monkeypatch.setattr("symid.simulation.stated_values.check_values", lambda _: None)
+    monkeypatch.setattr("symid.simulation.simulated_log.check_stated_values", lambda _: None)
     code, answer = call_json(capsys, "simulate", "emps", "--trajectory", "ta", "-o", tmp_path / "a.npz")
     assert code == 2
     assert list(tmp_path.iterdir()) == []
@@ -269,7 +269,7 @@ def test_doctor(capsys):
 
 
 def test_doctor_says_what_is_missing(capsys, monkeypatch):
-    monkeypatch.setattr("symid.tasks.installation._PACKAGES", ("click", "no-such-package-here"))
+    monkeypatch.setattr("symid.identification.installation._PACKAGES", ("click", "no-such-package-here"))
     code, answer = call_json(capsys, "doctor")
     assert code == 1
     assert answer["errors"][0]["code"] == "doctor.missing"
@@ -296,7 +296,7 @@ def test_demo_ends_well(capsys, tmp_path):
 
 
 def test_demo_does_not_hide_a_bad_end(capsys, tmp_path, monkeypatch):
-    monkeypatch.setattr("symid.api.demo._MOST_PARAMETERS", 1e-9)
+    monkeypatch.setattr("symid.api.first_steps._MOST_PARAMETERS", 1e-9)
     code, answer = call_json(capsys, "demo", "-o", tmp_path / "demo")
     assert code == 1
     assert "demo.off-truth" in {entry["code"] for entry in answer["errors"]}

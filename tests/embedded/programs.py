@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from symid.codegen.functions import FunctionSpec, ModelCard, Port
-from symid.codegen.printing import find_literal
+from symid.codegen.printing import write_literal
 
 __all__ = ["draw_inputs", "join_inputs", "split_outputs", "write_meter", "write_runner"]
 
@@ -157,7 +157,7 @@ int main(void)
 
 
 def _write_number(value: float) -> str:
-    return ("-" if value < 0.0 else "") + find_literal(abs(value), "float")
+    return ("-" if value < 0.0 else "") + write_literal(abs(value), "float")
 
 
 def write_meter(prefix: str, spec: FunctionSpec, drawn: Samples) -> str:

@@ -28,8 +28,7 @@ from io import StringIO
 from pathlib import Path
 
 from symid import __version__
-from symid.resources import find_resource_folder
-from symid.threads import ask_for_one_thread
+from symid.environment import limit_to_one_thread, locate_resource_folder
 
 PROJECT = Path(__file__).resolve().parents[2]
 DATA = PROJECT.parent / "shared" / "data"
@@ -340,7 +339,7 @@ def keep(value: object, name: str = "", folder: Path = Path("HERE")) -> object:
                 return _digest(numbers)
             return [keep(entry, name, folder) for entry in value]
         case str():
-            for place, sign in ((str(folder), "HERE"), (str(find_resource_folder("robots")), "ROBOTS")):
+            for place, sign in ((str(folder), "HERE"), (str(locate_resource_folder("robots")), "ROBOTS")):
                 value = value.replace(place, sign)
             return value.replace(f"symid {__version__}", "symid VERSION")
     return value
@@ -496,5 +495,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    ask_for_one_thread()
+    limit_to_one_thread()
     sys.exit(main())

@@ -6,11 +6,11 @@ Numbers: Janot, Gautier, Brunot, Data set and reference models of EMPS, 2019.
 import pytest
 
 from symid.codegen.cache import prepare_library
-from symid.data.readers import read_recording
-from symid.formats.overrides import override_robot
-from symid.formats.toml import read_robot
-from symid.identification.identify import identify_parameters
-from symid.identification.validate import validate_estimate
+from symid.identification.rigid.fit import identify_parameters
+from symid.identification.rigid.validation import validate_estimate
+from symid.logs.reader import read_recording
+from symid.robot.loading import override_robot
+from symid.robot.toml_reader import read_robot
 
 SYMMETRIC = {"M": "95.1089", "Fv": "203.5034", "Fc": "20.3935", "offset": "-3.1648"}
 DEVIATIONS = {"M": "0.1085", "Fv": "1.1460", "Fc": "0.1012", "offset": "0.0444"}

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from symid.codegen.cache import prepare_library
-from symid.data.readers import read_recording
-from symid.formats.toml import read_robot
-from symid.identification.identify import identify_parameters
-from symid.identification.instrumental_estimate import identify_instrumental
-from symid.robot.log_map import Decimation
+from symid.identification.rigid.closed_loop_estimate import identify_instrumental
+from symid.identification.rigid.fit import identify_parameters
+from symid.logs.reader import read_recording
+from symid.robot.description import Decimation
+from symid.robot.toml_reader import read_robot
 
 PUBLISHED = np.array([95.1089, 203.5034, 20.3935, -3.1648])
 NAMES = ("M1", "Fv1", "Fc1", "offset1")

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from symid.codegen.cache import prepare_library
-from symid.data.readers import read_recording
-from symid.formats.toml import read_robot
-from symid.identification.identify import identify_parameters
-from symid.residuals.metric import find_band_residual, predict_torques
+from symid.identification.diagnostics.torque_prediction import compute_band_residual, predict_torques
+from symid.identification.rigid.fit import identify_parameters
+from symid.logs.reader import read_recording
+from symid.robot.toml_reader import read_robot
 
 
 @pytest.mark.parametrize("file", ["DATA_EMPS.mat", "DATA_EMPS_PULSES.mat"])
@@ -22,7 +22,7 @@ def test_momentum_leaves_no_more(shared_data, robots_folder, file):
         values = identify_parameters(library, [fitted], robot.processing, rows=rows).assemble(names)
         return np.array(
             [
-                find_band_residual(
+                compute_band_residual(
                     predict_torques(values, library, log, robot.processing, band=band)
                 ).mean_relative_percent
                 for band in (10.0, 20.0, 50.0)

@@ -11,14 +11,18 @@ import numpy as np
 import pytest
 
 from symid.codegen.cache import prepare_library
-from symid.data.readers import read_recording
-from symid.formats.toml import read_robot
-from symid.identification.identify import identify_parameters
-from symid.identification.output_error_estimate import identify_output_error
-from symid.identification.servo import build_loop, find_demand
-from symid.identification.validate import validate_estimate
-from symid.identification.valued_library import ValuedLibrary, state_values
-from symid.simulation.plant import Plant, PlantState
+from symid.identification.rigid.closed_loop import (
+    ValuedLibrary,
+    build_closed_loop,
+    compute_demand,
+    set_card_values,
+)
+from symid.identification.rigid.closed_loop_estimate import identify_output_error
+from symid.identification.rigid.fit import identify_parameters
+from symid.identification.rigid.validation import validate_estimate
+from symid.logs.reader import read_recording
+from symid.robot.toml_reader import read_robot
+from symid.simulation.rigid_plant import RigidPlant, RigidPlantState
 
 PUBLISHED = np.array([95.1089, 203.5034, 20.3935, -3.1648])
 NAMES = ("M1", "Fv1", "Fc1", "offset1")
@@ -49,9 +53,11 @@ def estimate(robot, library, recordings):
 
 def forecast(library, values, recording):
     """Return the root mean square error in m of positions that follow from the logged forces alone."""
-    plant = Plant(ValuedLibrary(inner=library, card=state_values(library.card, values)))
+    plant = RigidPlant(ValuedLibrary(inner=library, card=set_card_values(library.card, values)))
     speed = np.polyfit(recording.time[:GIVEN], recording.position[:GIVEN, 0], 1)[0]
-    state = PlantState(q=recording.position[0].copy(), dq=np.array([speed]), modes=(int(np.sign(speed)),))
+    state = RigidPlantState(
+        q=recording.position[0].copy(), dq=np.array([speed]), modes=(int(np.sign(speed)),)
+    )
     errors = []
     for measured, force in zip(recording.position[:, 0], recording.torque, strict=True):
         errors.append(float(state.q[0]) - measured)
@@ -61,13 +67,13 @@ def forecast(library, values, recording):
 
 def test_the_stated_controller_gives_the_logged_commands(robot, recordings):
     fitted, unseen = recordings
-    loop = build_loop(fitted, robot.controller, np.array([np.inf]))
+    loop = build_closed_loop(fitted, robot.controller, np.array([np.inf]))
     assert abs(loop.offset[0]) < 0.01
-    gap = fitted.torque - find_demand(loop, fitted)
+    gap = fitted.torque - compute_demand(loop, fitted)
     assert np.linalg.norm(gap) < 0.005 * np.linalg.norm(fitted.torque)
     # To the commands of the second log pulses were added, within the loop.
-    loop = build_loop(unseen, replace(robot.controller, offset=(0.0,)), np.array([np.inf]))
-    gap = (unseen.torque - find_demand(loop, unseen))[:, 0]
+    loop = build_closed_loop(unseen, replace(robot.controller, offset=(0.0,)), np.array([np.inf]))
+    gap = (unseen.torque - compute_demand(loop, unseen))[:, 0]
     pulses = unseen.extras["pulses_N"].ravel()
     factor = pulses @ gap / (pulses @ pulses)
     assert factor == pytest.approx(35.15065188, rel=0.02)

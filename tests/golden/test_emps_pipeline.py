@@ -7,11 +7,10 @@ deviations take std(residual), which divides by rows - 1, as the noise of one ro
 import numpy as np
 import pytest
 
-from symid.data.readers import read_recording
-from symid.data.signals import decimate_columns, prepare_signals
-from symid.robot.description import Joint, JointKind, Robot
+from symid.logs.reader import read_recording
+from symid.logs.signals import decimate_columns, prepare_signals
+from symid.robot.description import Decimation, Joint, JointKind, LogMap, LogQuantity, Processing, Robot
 from symid.robot.geometry import IDENTITY
-from symid.robot.log_map import Decimation, LogMap, LogQuantity, Processing
 
 PROCESSING = Processing(
     filter_order=4,

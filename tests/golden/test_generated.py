@@ -11,9 +11,9 @@ import pytest
 
 from symid.codegen.c_library import generate_c_library
 from symid.codegen.casadi_functions import build_functions
-from symid.codegen.python_module import generate_python_module
-from symid.codegen.writer import MANIFEST
-from symid.formats.toml import read_robot
+from symid.codegen.python_targets import generate_python_module
+from symid.codegen.source_folder import MANIFEST
+from symid.robot.toml_reader import read_robot
 
 ROBOTS = ("two_link", "emps")
 GENERATORS = {"c": generate_c_library, "python": generate_python_module}
@@ -44,7 +44,7 @@ import hashlib, sys
 from pathlib import Path
 from symid.codegen.c_library import generate_c_library
 from symid.codegen.casadi_functions import build_functions
-from symid.formats.toml import read_robot
+from symid.robot.toml_reader import read_robot
 sources = generate_c_library(build_functions(read_robot(Path(sys.argv[1]))))
 print(hashlib.sha256(repr(sources).encode()).hexdigest())
 """

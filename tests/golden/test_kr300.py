@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from symid.codegen.cache import prepare_library
-from symid.data.readers import read_recording
-from symid.formats.toml import read_robot
-from symid.identification.identify import identify_parameters
-from symid.residuals.metric import find_band_residual, predict_torques
+from symid.identification.diagnostics.torque_prediction import compute_band_residual, predict_torques
+from symid.identification.rigid.fit import identify_parameters
+from symid.logs.reader import read_recording
+from symid.robot.toml_reader import read_robot
 
 BANDS = (10.0, 20.0)
 
@@ -33,7 +33,7 @@ def kr300(shared_data, robots_folder):
         values = estimate.assemble(names)
         return np.array(
             [
-                find_band_residual(
+                compute_band_residual(
                     predict_torques(values, library, read(run), robot.processing, band=band)
                 ).mean_relative_percent
                 for band in BANDS
@@ -71,7 +71,7 @@ def test_momentum_needs_no_acceleration_and_leaves_no_more(kr300):
 
 
 def test_link_encoders_lag_and_have_offsets_of_their_own(shared_data, robots_folder):
-    from symid.elastic.torsion import prepare_aligned
+    from symid.identification.elastic.stiffness import prepare_aligned
 
     robot = read_robot(robots_folder / "kr300.toml")
     recordings = [read_recording(shared_data / "kr300" / f"run_{run}.npz", robot) for run in "abc"]

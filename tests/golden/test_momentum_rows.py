@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from symid.codegen.cache import prepare_library
-from symid.data.readers import read_recording
-from symid.formats.toml import read_robot
-from symid.identification.identify import identify_parameters
-from symid.residuals.metric import find_band_residual, predict_torques
+from symid.identification.diagnostics.torque_prediction import compute_band_residual, predict_torques
+from symid.identification.rigid.fit import identify_parameters
+from symid.logs.reader import read_recording
+from symid.robot.toml_reader import read_robot
 
 LOGS = {
     "emps": ("DATA_EMPS.mat", "DATA_EMPS_PULSES.mat"),
@@ -45,7 +45,7 @@ def test_they_leave_what_torque_rows_leave(name, shared_data, robots_folder):
                     library, [recording], robot.processing, rows=rows, estimator=estimator
                 )
                 left[rows] = [
-                    find_band_residual(
+                    compute_band_residual(
                         predict_torques(
                             estimate.assemble(names), library, recording, robot.processing, band=band
                         )
@@ -63,8 +63,7 @@ def test_they_compute_no_acceleration(shared_data, robots_folder):
     robot = read_robot(robots_folder / "kr300.toml")
     recording = read_recording(shared_data / "kr300" / "run_a.npz", robot)
     library = WithoutAcceleration(prepare_library(robot))
-    from symid.rows.cutoff import choose_filters, choose_window
-    from symid.rows.preparation import prepare_rows
+    from symid.identification.regression.preparation import choose_filters, choose_window, prepare_rows
 
     processing = choose_filters(robot.processing, [recording]).processing
     window = choose_window("momentum", processing, recording.period)

@@ -17,14 +17,19 @@ import pytest
 
 from symid.cli.main import run
 from symid.codegen.cache import prepare_library
-from symid.data.readers import read_recording
-from symid.formats.toml import read_robot
-from symid.identification.identify import identify_parameters
-from symid.identification.storage import write_estimate
-from symid.parameters.base import find_base_parameters
-from symid.parameters.readings import find_coupled_readings
-from symid.parameters.regrouping import find_change, find_group_row, find_regrouping, read_group
-from symid.residuals.metric import find_band_residual, predict_torques
+from symid.dynamics.base_parameters import derive_base_parameters
+from symid.dynamics.regrouping import (
+    derive_regrouping,
+    evaluate_regrouping,
+    express_group,
+    list_coupled_readings,
+    read_group,
+)
+from symid.identification.diagnostics.torque_prediction import compute_band_residual, predict_torques
+from symid.identification.rigid.fit import identify_parameters
+from symid.identification.rigid.storage import write_estimate
+from symid.logs.reader import read_recording
+from symid.robot.toml_reader import read_robot
 
 # The published columns of motor 6 hold what couples joints 5 and 6 only; what it adds to each joint alone is
 # in the parameters of that joint.
@@ -79,7 +84,7 @@ def measure(tx40, estimate, band, **cut):
     prediction = predict_torques(
         estimate.assemble(list_names(library)), library, recording, processing, band=band
     )
-    return prediction, find_band_residual(prediction).mean_relative_percent
+    return prediction, compute_band_residual(prediction).mean_relative_percent
 
 
 def test_all_of_the_log(tx40, fits):
@@ -111,23 +116,23 @@ def test_momentum_needs_no_acceleration_and_leaves_no_more(tx40, fits):
 def test_published_groups_span_the_same_space(tx40, published):
     """The published table has no IA6; with it, both sets say the same, exactly."""
     robot = tx40[0]
-    base = find_base_parameters(robot)
+    base = derive_base_parameters(robot)
     assert base.count + len(base.friction) == 61
     for names in ({}, COUPLED):
         groups = [
             read_group(names.get(row["base_parameter"], row["base_parameter"]), robot) for row in published
         ]
-        found = find_regrouping(base, groups)
+        found = derive_regrouping(base, groups)
         assert (len(found.rows), found.absent, found.is_complete) == (60, ("IA6",), True)
 
 
 def test_what_the_published_groups_leave_open_is_what_couples(tx40, published):
     """Exact algebra alone gives the three terms; the values then speak for them."""
     robot = tx40[0]
-    base = find_base_parameters(robot)
+    base = derive_base_parameters(robot)
     texts = [row["base_parameter"] for row in published]
-    rows = [find_group_row(base, read_group(text, robot), text) for text in texts]
-    found = find_coupled_readings(robot, base, rows)
+    rows = [express_group(base, read_group(text, robot), text) for text in texts]
+    found = list_coupled_readings(robot, base, rows)
     assert {texts[entry.group]: (entry.name, entry.factor) for entry in found} == {
         "fv5": ("Fvm6", 1),
         "fv6": ("Fvm6", 1),
@@ -138,11 +143,11 @@ def test_what_the_published_groups_leave_open_is_what_couples(tx40, published):
 def test_published_groups_are_ours_mapped_for_any_robot(tx40, published):
     """Random standard parameters, exact: the published text evaluated as it stands equals T times ours."""
     robot = tx40[0]
-    base = find_base_parameters(robot)
+    base = derive_base_parameters(robot)
     ours = (*base.parameters, *base.friction)
     rng = np.random.default_rng(7)
     texts = [row["base_parameter"] for row in published]
-    rows = find_regrouping(base, [read_group(text, robot) for text in texts]).rows
+    rows = derive_regrouping(base, [read_group(text, robot) for text in texts]).rows
     letters = {"Fv": "fv", "Fc": "fs", "offset": "off", "IA": "Ia"}
 
     def write(name):
@@ -172,7 +177,7 @@ def compare(capsys, tmp_path, shared_data, estimate, column, *options):
 
 def name_settings(estimate, robot):
     """Return the estimate as `symid identify` writes it: with the log map."""
-    from symid.formats.settings import describe_settings
+    from symid.robot.toml_settings import describe_settings
 
     settings = {"log": describe_settings(robot)["log"], **estimate.settings}
     return replace(estimate, settings=settings)
@@ -230,9 +235,9 @@ def test_values_beside_the_published_ones(tx40, fits, published):
     groups = [
         read_group(COUPLED.get(row["base_parameter"], row["base_parameter"]), robot) for row in published
     ]
-    found = find_regrouping(find_base_parameters(robot), groups)
+    found = derive_regrouping(derive_base_parameters(robot), groups)
     assert found.names == list_names(library)
-    change = find_change(found.rows, robot)
+    change = evaluate_regrouping(found.rows, robot)
     for column in ("ols", "wls"):
         estimate = fits["torque", column]
         ours = change @ estimate.assemble(found.names)

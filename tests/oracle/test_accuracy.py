@@ -4,10 +4,10 @@ import mpmath
 import numpy as np
 import pytest
 
-from symid.codegen.catalogue import find_robot_specs
-from symid.codegen.instructions import Op
+from symid.codegen.catalogue import list_robot_specs
+from symid.codegen.programs import Op
 from symid.codegen.routes import choose_route
-from symid.parameters.base import find_base_parameters
+from symid.dynamics.base_parameters import derive_base_parameters
 from tests.chains import LWR4, PANDA, PUMA560, TWO_LINK, run_program
 
 RULES = {
@@ -42,9 +42,9 @@ def run_exactly(program, inputs):
 
 @pytest.mark.parametrize("robot", [TWO_LINK, PUMA560, LWR4, PANDA], ids=lambda r: r.name)
 def test_emitted_programs_are_accurate(robot):
-    base = find_base_parameters(robot)
+    base = derive_base_parameters(robot)
     rng = np.random.default_rng(2)
-    for spec in find_robot_specs(robot, base):
+    for spec in list_robot_specs(robot, base):
         program = choose_route(robot, base, spec).program
         errors, scales = [], []
         for _ in range(4):

@@ -5,19 +5,18 @@ import dataclasses
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from sympy import QQ, Matrix
 
-from symid.algebra.elimination import reduce_rows
-from symid.algebra.floats import FloatAlgebra, build_float_state
-from symid.dynamics.kinematics import build_recursion
+from symid.dynamics.algebra import FloatAlgebra, build_float_state
+from symid.dynamics.base_parameters import derive_base_parameters
+from symid.dynamics.exact_algebra import reduce_rows
 from symid.dynamics.lagrange import derive_energy
-from symid.dynamics.regressors import find_torque_columns
-from symid.joint.friction import FRICTION_MODELS
-from symid.joint.friction_law import build_numpy_carrier
+from symid.dynamics.recursion import build_recursion
+from symid.dynamics.regressors import compute_torque_columns
+from symid.joint_models.friction_law import build_numpy_carrier
+from symid.joint_models.friction_models import FRICTION_MODELS
 from symid.notation import INERTIAL
-from symid.parameters.base import find_base_parameters
 from symid.robot.description import FrictionKind
 from symid.robot.geometry import ONE, ZERO, Exact
 from tests.chains import (
@@ -45,7 +44,7 @@ KNOWN = [(TWO_LINK, 6), (PUMA560, 36), (PANDA, 43), (STANFORD, 33), (SCARA, 8), 
 
 @pytest.mark.parametrize(("robot", "count"), KNOWN, ids=lambda value: getattr(value, "name", str(value)))
 def test_known_counts(robot, count):
-    assert find_base_parameters(robot).count == count
+    assert derive_base_parameters(robot).count == count
 
 
 def find_energy_rank(robot):
@@ -73,16 +72,16 @@ def test_count_equals_the_rank_of_the_exact_energy_regressor(robot, count):
 @settings(max_examples=25, deadline=None)
 @given(robot=trees(most=4, rotors=True))
 def test_count_equals_the_exact_rank_on_random_trees(robot):
-    assert find_base_parameters(robot).count == find_energy_rank(robot)
+    assert derive_base_parameters(robot).count == find_energy_rank(robot)
 
 
 def find_sampled_rank(robot, seed):
     """Rank of the torques of all parameters, friction included, at random states: a numeric oracle."""
-    base = find_base_parameters(robot)
+    base = derive_base_parameters(robot)
     states = np.random.default_rng(seed).uniform(-2, 2, (3, robot.size, 80))
     algebra = FloatAlgebra()
     inertial = [label for label in base.labels if label[1] in (*INERTIAL, "IA")]
-    columns = find_torque_columns(build_recursion(robot, algebra, build_float_state(*states)), inertial)
+    columns = compute_torque_columns(build_recursion(robot, algebra, build_float_state(*states)), inertial)
     for joint, name in base.labels:
         if (joint, name) not in columns:
             model = FRICTION_MODELS[robot.joints[joint].friction.kind]
@@ -96,7 +95,7 @@ def find_sampled_rank(robot, seed):
 @settings(max_examples=60, deadline=None)
 @given(robot=trees(most=3, rotors=True, friction=True, angles=RIGHT_ANGLES))
 def test_drives_and_friction_count_right_on_random_trees(robot):
-    base = find_base_parameters(robot)
+    base = derive_base_parameters(robot)
     assert base.count + len(base.friction) == find_sampled_rank(robot, 1)
 
 
@@ -104,7 +103,7 @@ def test_drives_and_friction_count_right_on_random_trees(robot):
 @pytest.mark.parametrize("rotors", [False, True])
 def test_friction_of_a_vertical_slide(kind, rotors):
     slide = build_chain([(0.0, 0, "q", 0.0)], rotors=rotors, friction=kind)
-    base = find_base_parameters(slide)
+    base = derive_base_parameters(slide)
     assert base.count + len(base.friction) == find_sampled_rank(slide, 2)
 
 
@@ -130,9 +129,9 @@ def test_symbolic_lengths_count_like_generic_numbers(robot):
         for joint in robot.joints
     )
     numeric = dataclasses.replace(robot, joints=joints)
-    symbolic = find_base_parameters(robot)
+    symbolic = derive_base_parameters(robot)
     assert [p.label for p in symbolic.parameters] == [
-        p.label for p in find_base_parameters(numeric).parameters
+        p.label for p in derive_base_parameters(numeric).parameters
     ]
 
 
@@ -157,7 +156,7 @@ def test_count_equals_the_rank_of_pinocchio(robot, count):
 @pytest.mark.parametrize("robot", [TWO_LINK, PUMA560, PANDA, STANFORD, RRP], ids=lambda r: r.name)
 def test_grouping_reproduces_every_column_of_pinocchio(robot):
     """Y pi = Y[:, representatives] K pi for all pi: the grouping matrix is right, entry by entry."""
-    base = find_base_parameters(robot)
+    base = derive_base_parameters(robot)
     column = {label: k for k, label in enumerate(base.labels)}
     grouping = np.zeros((base.count, len(base.labels)))
     for row, parameter in enumerate(base.parameters):
@@ -170,7 +169,7 @@ def test_grouping_reproduces_every_column_of_pinocchio(robot):
 
 def test_drives_and_friction_belong_to_the_set():
     """A WAM-like arm: 43 link parameters, 69 of 98 with IA, Fv, Fc and offset per joint."""
-    base = find_base_parameters(
+    base = derive_base_parameters(
         build_chain(
             [(0.0, 0, 0, "q")]
             + [
@@ -194,7 +193,7 @@ def test_drives_and_friction_belong_to_the_set():
 
 def test_an_offset_on_a_vertical_slide_with_rotor_is_a_weight():
     slide = build_chain([(0.0, 0, "q", 0.0)], rotors=True, friction=FrictionKind.VISCOUS_COULOMB_OFFSET)
-    base = find_base_parameters(slide)
+    base = derive_base_parameters(slide)
     # Force M (ddq + g) + IA ddq + offset + Fv dq + Fc sign dq: ddq, 1, dq, sign dq are all there is.
     assert base.count + len(base.friction) == 4
     assert "offset1" in {parameter.name for parameter in base.eliminated}
@@ -203,7 +202,9 @@ def test_an_offset_on_a_vertical_slide_with_rotor_is_a_weight():
 def test_textbook_expressions_with_symbolic_lengths():
     """Khalil and Dombre: the planar 2R groups M2 into ZZ1 and MX1."""
     arm = build_chain([(0.0, 0, 0, "q"), (0.0, "L1", 0, "q")], gravity=("0", "-9.81", "0"))
-    expressions = {parameter.name: parameter.expression for parameter in find_base_parameters(arm).parameters}
+    expressions = {
+        parameter.name: parameter.expression for parameter in derive_base_parameters(arm).parameters
+    }
     assert expressions == {
         "ZZR1": "ZZ1 + L1^2*M2",
         "MXR1": "MX1 + L1*M2",

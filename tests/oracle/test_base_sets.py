@@ -9,13 +9,12 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
+from symid.dynamics.base_parameters import derive_base_parameters
 from symid.dynamics.lagrange import derive_energy
-from symid.parameters.base import find_base_parameters
 from symid.robot.description import Coupling, Drive, FrictionKind, FrictionValues, JointKind, Mimic, Spring
-from symid.robot.geometry import ZERO, Exact, compose_placements, find_angle, place_modified_dh
+from symid.robot.geometry import ZERO, Exact, build_exact_angle, compose_placements, place_modified_dh
 from tests.chains import (
     PANDA,
     PI,
@@ -83,7 +82,7 @@ def build_matrix(robot, base, labels):
 
 def assert_base_set(robot, form="torque", seed=1):
     """The count is the rank, and every column of the regressor is made of the base columns by K."""
-    base = find_base_parameters(robot, form=form)
+    base = derive_base_parameters(robot, form=form)
     labels = list(base.labels)
     regressor = stack_regressor(robot, labels, seed, form)
     assert base.count + len(base.friction) == find_rank(regressor)
@@ -126,20 +125,20 @@ def test_base_sets_of_gravity_and_momentum(robot, form):
 
 def test_gravity_set_of_the_planar_arm():
     """g1 = g ((MX1 + L M2) c1 - ... + MX2 c12 ...): four parameters; no inertia shows at rest."""
-    base = find_base_parameters(TWO_LINK, form="gravity")
+    base = derive_base_parameters(TWO_LINK, form="gravity")
     assert [p.expression for p in base.parameters] == ["MX1 + 0.5*M2", "MY1", "MX2", "MY2"]
     assert [p.name for p in base.parameters] == ["MXR1", "MY1", "MX2", "MY2"]
 
 
 def test_momentum_set_of_the_planar_arm():
     """M(q) = [ZZR1 + ZZ2 + 2 L (c2 MX2 - s2 MY2), ...]: MX1 and MY1 are the weight's alone."""
-    base = find_base_parameters(TWO_LINK, form="momentum")
+    base = derive_base_parameters(TWO_LINK, form="momentum")
     assert [p.expression for p in base.parameters] == ["ZZ1 + 0.25*M2", "ZZ2", "MX2", "MY2"]
 
 
 def test_an_unknown_form_is_refused():
     with pytest.raises(ValueError, match="'speed'; allowed are torque, energy, momentum, gravity"):
-        find_base_parameters(TWO_LINK, form="speed")
+        derive_base_parameters(TWO_LINK, form="speed")
 
 
 def follow(robot, index, master, multiplier):
@@ -163,7 +162,7 @@ def test_a_parallelogram_keeps_its_third_link_upright():
     arm = build_chain([(0.0, 0, 0, "q"), (PI / 2, 0, 0, "q"), (0.0, 0.4, 0, "q")], name="parallelogram")
     robot = follow(arm, 2, 1, "-1")
     assert_base_set(robot)
-    base = find_base_parameters(robot)
+    base = derive_base_parameters(robot)
     heads = {p.label for p in base.parameters}
     assert not {(2, "XX"), (2, "XY"), (2, "ZZ"), (2, "XZ")} & heads
 
@@ -189,7 +188,7 @@ def test_a_coupled_wrist_adds_one_rotor_and_its_friction():
     arm = dataclasses.replace(arm, joints=joints)
     wrist = couple(arm, (4, 1), (5, 1), friction=kind)
     assert_base_set(wrist)
-    alone, coupled = find_base_parameters(arm), find_base_parameters(wrist)
+    alone, coupled = derive_base_parameters(arm), derive_base_parameters(wrist)
     assert coupled.count == alone.count + 1
     assert len(coupled.friction) == len(alone.friction) + 2
     assert "IAm" in {p.name for p in coupled.parameters}
@@ -199,7 +198,7 @@ def test_a_coupling_to_one_joint_is_its_own_rotor():
     assert_base_set(couple(TWO_LINK, (1, 3)))
     arm = build_chain([(0.0, 0, 0, "q"), (0.0, 0.5, 0, "q")], rotors=True)
     assert_base_set(couple(arm, (1, 3)))
-    assert find_base_parameters(couple(arm, (1, 3))).count == find_base_parameters(arm).count
+    assert derive_base_parameters(couple(arm, (1, 3))).count == derive_base_parameters(arm).count
 
 
 @pytest.mark.parametrize("kind", list(FrictionKind))
@@ -245,13 +244,13 @@ def test_twists_that_add_up_to_a_right_angle_or_none(twists, kind):
 def test_a_frame_between_two_twists_changes_nothing(twists, total):
     """45 + 45 degrees without a joint between is 90 degrees exactly: the same set, the same numbers."""
     straight = build_chain([(0.0, 0, 0, "q"), (total, 0.3, 0, "q"), (PI / 2, 0.1, 0.2, "q")])
-    first = place_modified_dh(find_angle(twists[0]), Exact.of("0.1"), ZERO, find_angle(0.0))
-    second = place_modified_dh(find_angle(twists[1]), Exact.of("0.2"), ZERO, find_angle(0.0))
+    first = place_modified_dh(build_exact_angle(twists[0]), Exact.of("0.1"), ZERO, build_exact_angle(0.0))
+    second = place_modified_dh(build_exact_angle(twists[1]), Exact.of("0.2"), ZERO, build_exact_angle(0.0))
     joints = list(straight.joints)
     joints[1] = dataclasses.replace(joints[1], placement=compose_placements(first, second))
     assert joints[1].placement == straight.joints[1].placement
     robot = dataclasses.replace(straight, joints=tuple(joints))
-    assert find_base_parameters(robot) == find_base_parameters(straight)
+    assert derive_base_parameters(robot) == derive_base_parameters(straight)
 
 
 def test_a_joint_that_stands_at_45_degrees_hides_nothing():
@@ -259,7 +258,9 @@ def test_a_joint_that_stands_at_45_degrees_hides_nothing():
     rows = [(0.0, 0, 0, "q"), (PI / 4, 0, 0, "q"), (PI / 4, 0, 0, "q")]
     right = [(0.0, 0, 0, "q"), (PI / 2, 0, 0, "q"), (PI / 2, 0, 0, "q")]
     assert (
-        find_base_parameters(build_chain(rows)).count == find_base_parameters(build_chain(right)).count == 15
+        derive_base_parameters(build_chain(rows)).count
+        == derive_base_parameters(build_chain(right)).count
+        == 15
     )
 
 
@@ -353,20 +354,20 @@ def find_exact_rank(robot, seed):
 )
 def test_count_is_the_exact_rank_of_the_energy(robot):
     rank = find_exact_rank(robot, 1)
-    assert find_base_parameters(robot).count == rank
-    assert find_base_parameters(robot, form="energy").count == rank
+    assert derive_base_parameters(robot).count == rank
+    assert derive_base_parameters(robot, form="energy").count == rank
 
 
 @settings(max_examples=10, deadline=None)
 @given(robot=trees(most=3, angles=RATIONAL_ANGLES, lengths=RATIONAL_LENGTHS, rotors=True, followers=True))
 def test_count_is_the_exact_rank_of_the_energy_in_rational_geometry(robot):
-    assert find_base_parameters(robot).count == find_exact_rank(robot, 2)
+    assert derive_base_parameters(robot).count == find_exact_rank(robot, 2)
 
 
 @pytest.mark.parametrize("robot", [PUMA560, PANDA, STANFORD], ids=lambda r: r.name)
 def test_count_of_an_arm_is_the_exact_rank_of_the_energy(robot):
-    assert find_base_parameters(robot).count == find_exact_rank(robot, 3)
-    assert find_base_parameters(follow(robot, 5, 4, "1/2")).count == find_exact_rank(
+    assert derive_base_parameters(robot).count == find_exact_rank(robot, 3)
+    assert derive_base_parameters(follow(robot, 5, 4, "1/2")).count == find_exact_rank(
         follow(robot, 5, 4, "1/2"), 3
     )
 
@@ -378,4 +379,4 @@ def test_prismatic_joints_follow_revolute_ones_and_the_other_way():
         assert [joint.kind is JointKind.PRISMATIC for joint in chain.joints] == [k == "p" for k in kinds]
         robot = follow(chain, 1, 0, "-3/4")
         assert_base_set(robot)
-        assert find_base_parameters(robot).count == find_exact_rank(robot, 4)
+        assert derive_base_parameters(robot).count == find_exact_rank(robot, 4)

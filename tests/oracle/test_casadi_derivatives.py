@@ -8,11 +8,11 @@ import pinocchio as pin
 import pytest
 
 from symid.codegen.casadi_functions import build_casadi_function, build_functions
-from symid.codegen.springs import find_spring_vector
+from symid.codegen.catalogue import build_spring_vector
 from symid.errors import UsageError
-from symid.formats.toml import read_robot
 from symid.notation import INERTIAL
 from symid.robot.description import CurvedFriction, FrictionKind
+from symid.robot.toml_reader import read_robot
 from tests.chains import PANDA, PUMA560, STANFORD, build_chain, build_pinocchio, draw_parameters
 
 
@@ -117,7 +117,7 @@ def find_slopes(spring, phi, plays):
 def test_slopes_of_the_springs_are_those_of_the_stops_that_hold(arm):
     step = build_casadi_function(arm, "hysteresis_step")
     springs = [joint.elasticity for joint in arm.joints]
-    h, rng, seen = find_spring_vector(springs), np.random.default_rng(6), set()
+    h, rng, seen = build_spring_vector(springs), np.random.default_rng(6), set()
     for _ in range(40):
         phi = rng.uniform(-0.03, 0.03, 2)
         plays = [phi[k] + rng.uniform(-0.012, 0.012, len(s.stops)) for k, s in enumerate(springs)]
@@ -137,7 +137,7 @@ def test_the_inverse_step_has_the_inverse_slope(arm):
     step, inverse = (
         build_casadi_function(arm, name) for name in ("hysteresis_step", "hysteresis_inverse_step")
     )
-    h = find_spring_vector([joint.elasticity for joint in arm.joints])
+    h = build_spring_vector([joint.elasticity for joint in arm.joints])
     rng, count = np.random.default_rng(7), step.size1_in(1)
     for _ in range(20):
         # From rest no play has moved, in torsion or in torque: both steps begin at the same point.

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from symid.codegen.catalogue import find_robot_specs
-from symid.parameters.base import find_base_parameters
+from symid.codegen.catalogue import list_robot_specs
+from symid.dynamics.base_parameters import derive_base_parameters
 from tests.chains import PANDA, PUMA560, STANFORD, TWO_LINK, build_route_programs, run_program, trees
 
 STEP = 1e-5
@@ -13,7 +13,7 @@ NAMES = ("mass_matrix", "coriolis_matrix", "gravity", "slotine_li_regressor")
 
 
 def find_programs(robot, base):
-    specs = find_robot_specs(robot, base)
+    specs = list_robot_specs(robot, base)
     return {spec.name: build_route_programs(robot, base, spec) for spec in specs if spec.name in NAMES}
 
 
@@ -26,7 +26,7 @@ def find_symbols(mass, q):
 
 
 def check(robot):
-    base = find_base_parameters(robot)
+    base = derive_base_parameters(robot)
     rng = np.random.default_rng(8)
     n = robot.freedom
     state = {name: rng.uniform(-2, 2, n) for name in ("q", "dq", "dqr", "ddqr")}

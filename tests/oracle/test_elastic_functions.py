@@ -11,17 +11,23 @@ import sympy
 
 from symid.codegen.c_library import generate_c_library
 from symid.codegen.casadi_functions import build_functions
+from symid.codegen.catalogue import build_spring_vector, count_elastic_sizes
 from symid.codegen.library import load_library
-from symid.codegen.options import GenerateOptions
-from symid.codegen.python_module import generate_python_module
-from symid.codegen.springs import find_elastic_sizes, find_spring_vector
-from symid.codegen.writer import write_sources
+from symid.codegen.python_targets import generate_python_module
+from symid.codegen.source_folder import write_sources
+from symid.codegen.source_text import GenerateOptions
 from symid.errors import UsageError
-from symid.formats.toml import parse_robot, read_robot
-from symid.joint.play_model import find_play_model, invert_pi
-from symid.joint.plays import find_hysteresis_torque, find_plays, invert_hysteresis
-from symid.joint.spring_numbers import find_spring_terms, invert_outer
+from symid.joint_models.prandtl_ishlinskii import (
+    build_play_model,
+    compute_hysteresis_torque,
+    compute_plays,
+    invert_hysteresis,
+    invert_outer,
+    invert_play_model,
+    read_spring_terms,
+)
 from symid.robot.elasticity import Elasticity, Knee, Stop
+from symid.robot.toml_reader import parse_robot, read_robot
 
 NAMES = ("inverse_dynamics", "friction", "hysteresis_step", "hysteresis_inverse_step")
 ALL = (*NAMES, "elastic_inverse_dynamics")
@@ -92,9 +98,9 @@ def draw_motion(seed, time, size=2, reach=0.6):
 
 def follow(elasticity, torques):
     """Return the plays of the inverse after every sample, from a virgin spring."""
-    inverse, _ = invert_pi(find_play_model(elasticity))
-    values = invert_outer(find_spring_terms(elasticity), torques)
-    return find_plays(values, np.array(inverse.thresholds))
+    inverse, _ = invert_play_model(build_play_model(elasticity))
+    values = invert_outer(read_spring_terms(elasticity), torques)
+    return compute_plays(values, np.array(inverse.thresholds))
 
 
 @pytest.mark.parametrize("name", ["arm", "uneven"])
@@ -102,13 +108,13 @@ def test_steps_are_those_of_the_model_in_every_language(name, request, build):
     robot = request.getfixturevalue(name)
     functions, *libraries = build(robot)
     springs = [joint.elasticity for joint in robot.joints]
-    h = find_spring_vector(springs)
+    h = build_spring_vector(springs)
     phi = draw_motion(3, np.linspace(0, 4, 200))[0] * [0.02, 0.03]
     torques = np.column_stack(
-        [find_hysteresis_torque(spring, column) for spring, column in zip(springs, phi.T, strict=True)]
+        [compute_hysteresis_torque(spring, column) for spring, column in zip(springs, phi.T, strict=True)]
     )
     radii = [np.array([stop.threshold for stop in spring.stops]) for spring in springs]
-    plays = np.hstack([find_plays(column, radius) for column, radius in zip(phi.T, radii, strict=True)])
+    plays = np.hstack([compute_plays(column, radius) for column, radius in zip(phi.T, radii, strict=True)])
     images = np.hstack([follow(spring, column) for spring, column in zip(springs, torques.T, strict=True)])
 
     def before(states):
@@ -220,7 +226,7 @@ def test_the_catalogue_has_what_the_springs_allow(arm):
     assert names(replace(arm, joints=(bare, arm.joints[1]))) == {"hysteresis_step", "hysteresis_inverse_step"}
     rigid = replace(arm, joints=(replace(arm.joints[0], elasticity=None), arm.joints[1]))
     assert names(rigid) == set()
-    assert find_elastic_sizes(rigid) is None
+    assert count_elastic_sizes(rigid) is None
 
 
 def test_a_cubic_spring_steps_too(arm, build):
@@ -230,8 +236,8 @@ def test_a_cubic_spring_steps_too(arm, build):
     )
     _, *libraries = build(robot, ("hysteresis_step",))
     phi = np.array([0.01, -0.02])
-    torques = [find_hysteresis_torque(spring, phi[k : k + 1])[0] for k in range(2)]
-    h = find_spring_vector([spring, spring])
+    torques = [compute_hysteresis_torque(spring, phi[k : k + 1])[0] for k in range(2)]
+    h = build_spring_vector([spring, spring])
     assert [parameter.name for parameter in libraries[0].card.springs[:4]] == ["k0_1", "kc_1", "k1_1", "r1_1"]
     for library in libraries:
         tau, plays = library.evaluate("hysteresis_step", phi, np.zeros(2), h)
@@ -249,15 +255,15 @@ def test_the_card_lists_the_parameters_of_the_springs(arm):
     assert [parameter.value for parameter in first][-4:] == [0.5, -3.0, 0.5, 3.0]
     unknown = Elasticity(stops=(Stop(threshold=0.1),))
     with pytest.raises(UsageError) as caught:
-        find_spring_vector([unknown])
+        build_spring_vector([unknown])
     assert caught.value.notices[0].code == "usage.unknown-spring"
     springs = [joint.elasticity for joint in arm.joints]
-    np.testing.assert_array_equal(find_spring_vector(springs, card), find_vectors(card)[3])
+    np.testing.assert_array_equal(build_spring_vector(springs, card), find_vectors(card)[3])
     turned = replace(springs[1], knees=tuple(Knee(threshold=x, slope=0.1) for x in (1.0, 2.0)))
     with pytest.raises(
         UsageError, match=r"'elbow'.*0 cubic parts, 3 stops, 1 knees below, 1 above"
     ) as caught:
-        find_spring_vector([springs[0], turned], card)
+        build_spring_vector([springs[0], turned], card)
     assert caught.value.notices[0].code == "usage.spring-layout"
 
 
@@ -348,7 +354,7 @@ def test_slides_followers_and_unknown_values_have_springs_too(c_compiler, tmp_pa
 
 def test_nan_goes_through(arm, build):
     _, *libraries = build(arm, NAMES)
-    h = find_spring_vector([joint.elasticity for joint in arm.joints])
+    h = build_spring_vector([joint.elasticity for joint in arm.joints])
     for library in libraries:
         tau, _ = library.evaluate("hysteresis_step", np.array([np.nan, 0.01]), np.zeros(6), h)
         assert np.isnan(tau[0])
@@ -356,9 +362,9 @@ def test_nan_goes_through(arm, build):
 
 
 def test_maxima_are_read_from_casadi():
+    from symid.codegen.casadi_functions import read_sx_program
     from symid.codegen.functions import FunctionSpec, Port
-    from symid.codegen.instructions import Op
-    from symid.codegen.program import build_program
+    from symid.codegen.programs import Op
 
     x = ca.SX.sym("x", 2)
     function = ca.Function("f", [x], [ca.vertcat(ca.fmax(x[0], x[1]), ca.fmin(x[0], x[1]))], ["x"], ["y"])
@@ -366,5 +372,5 @@ def test_maxima_are_read_from_casadi():
     spec = FunctionSpec(
         name="f", inputs=(Port(name="x", **port),), outputs=(Port(name="y", **port),), meaning="test"
     )
-    ops = [instruction.op for instruction in build_program(function, spec).instructions]
+    ops = [instruction.op for instruction in read_sx_program(function, spec).instructions]
     assert ops[2:] == [Op.MAXIMUM, Op.MINIMUM]

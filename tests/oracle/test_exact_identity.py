@@ -8,14 +8,10 @@ import dataclasses
 from fractions import Fraction
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from sympy import QQ
 
-from symid.algebra.exact import build_exact_state
-from symid.algebra.points import PointAlgebra, build_point_state
-from symid.dynamics.folding import fold_vector
-from symid.dynamics.kinematics import build_recursion
+from symid.dynamics.exact_algebra import PointAlgebra, build_exact_state, build_point_state
 from symid.dynamics.lagrange import (
     derive_energy,
     derive_lagrange_columns,
@@ -23,11 +19,12 @@ from symid.dynamics.lagrange import (
     derive_torque_columns,
     evaluate_torque_columns,
 )
+from symid.dynamics.recursion import build_recursion, fold_vector
 from symid.dynamics.regressors import (
-    find_lagrange_columns,
-    find_momentum_columns,
-    find_slotine_li_columns,
-    find_torque_columns,
+    compute_lagrange_columns,
+    compute_momentum_columns,
+    compute_slotine_li_columns,
+    compute_torque_columns,
 )
 from symid.robot.description import Coupling, Mimic, Spring
 from tests.chains import (
@@ -57,12 +54,12 @@ def assert_identical(robot):
     state = build_exact_state(robot, algebra)
     recursion = build_recursion(robot, algebra, state)
     torque = derive_torque_columns(energy, keys)
-    assert torque == fold_columns(robot, algebra, find_torque_columns(recursion, keys))
+    assert torque == fold_columns(robot, algebra, compute_torque_columns(recursion, keys))
     reference = (state.velocity, state.acceleration)
-    assert torque == fold_columns(robot, algebra, find_slotine_li_columns(recursion, reference, keys))
-    momentum = fold_columns(robot, algebra, find_momentum_columns(recursion, keys))
+    assert torque == fold_columns(robot, algebra, compute_slotine_li_columns(recursion, reference, keys))
+    momentum = fold_columns(robot, algebra, compute_momentum_columns(recursion, keys))
     assert derive_momentum_columns(energy, keys) == momentum
-    lagrange = fold_columns(robot, algebra, find_lagrange_columns(recursion, keys))
+    lagrange = fold_columns(robot, algebra, compute_lagrange_columns(recursion, keys))
     assert derive_lagrange_columns(energy, keys) == lagrange
 
 
@@ -91,7 +88,7 @@ def test_lagrange_equals_newton_euler_at_rational_points(robot, seed):
     from_energy = evaluate_torque_columns(energy, energy.keys, values)
     algebra = PointAlgebra(QQ, values)
     state = build_point_state(robot, algebra, values)
-    by_recursion = find_torque_columns(build_recursion(robot, algebra, state), energy.keys)
+    by_recursion = compute_torque_columns(build_recursion(robot, algebra, state), energy.keys)
     assert from_energy == fold_columns(robot, algebra, by_recursion)
     assert any(entry for column in from_energy.values() for entry in column)
 
@@ -121,7 +118,7 @@ def test_identity_at_rational_points_with_followers_couplings_and_springs(robot,
     algebra = PointAlgebra(domain, values)
     recursion = build_recursion(robot, algebra, build_point_state(robot, algebra, values))
     from_energy = evaluate_torque_columns(energy, energy.keys, values)
-    assert from_energy == fold_columns(robot, algebra, find_torque_columns(recursion, energy.keys))
+    assert from_energy == fold_columns(robot, algebra, compute_torque_columns(recursion, energy.keys))
 
 
 def test_a_spring_of_a_follower_acts_on_its_master():

@@ -11,16 +11,17 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 from symid.errors import SolverError, UsageError
-from symid.joint.friction_dynamic import (
-    find_bristle_rate,
-    find_bristle_step,
-    find_dynamic_torque,
-    find_steady_torque,
+from symid.joint_models.dynamic_friction import (
+    build_held_path,
+    compute_bristle_rate,
+    compute_bristle_step,
+    compute_dynamic_torque,
+    compute_steady_torque,
     get_dynamic_law,
     is_passive,
+    simulate_dynamic_friction,
 )
-from symid.joint.friction_dynamic_run import build_held_path, find_dynamic_run
-from symid.joint.friction_law import build_float_carrier
+from symid.joint_models.friction_law import build_float_carrier
 from symid.simulation.friction_rig import (
     ForceDrive,
     PositionControl,
@@ -42,7 +43,7 @@ def find_loop(law, values, amplitude, *, period, count, cycles=3):
     phase = 2.0 * np.pi * np.arange(cycles * count + 1) / count
     position = amplitude * np.sin(phase)
     step = period / count
-    run = find_dynamic_run(law, values, build_held_path(np.diff(position) / step, step))
+    run = simulate_dynamic_friction(law, values, build_held_path(np.diff(position) / step, step))
     return position[-count - 1 :], run.torque[-count - 1 :]
 
 
@@ -52,10 +53,10 @@ def test_the_step_is_the_integral_of_the_rate(velocity):
     for law, own in ((LUGRE, values), (DAHL, values[:1] + values[2:3])):
 
         def rate(_t, z, law=law, own=own):
-            return [find_bristle_rate(FLOATS, law, velocity, float(z[0]), own)]
+            return [compute_bristle_rate(FLOATS, law, velocity, float(z[0]), own)]
 
         solved = solve_ivp(rate, (0.0, 0.05), [2e-4], method="Radau", rtol=1e-11, atol=1e-16)
-        after, _ = find_bristle_step(FLOATS, law, (velocity, 0.05), 2e-4, own)
+        after, _ = compute_bristle_step(FLOATS, law, (velocity, 0.05), 2e-4, own)
         assert after == pytest.approx(solved.y[0, -1], rel=1e-8)
 
 
@@ -64,11 +65,11 @@ def test_steady_motion_is_the_static_law(velocity):
     stiffness, damping, coulomb, static, speed, exponent, viscous = values = (2e4, 90.0, 10.0, 15, 0.02, 2, 4)
     state = 0.0
     for _ in range(40):
-        state, torque = find_bristle_step(FLOATS, LUGRE, (velocity, 10.0), state, values)
+        state, torque = compute_bristle_step(FLOATS, LUGRE, (velocity, 10.0), state, values)
     fall = math.exp(-((abs(velocity) / speed) ** exponent))
     law = math.copysign(coulomb + (static - coulomb) * fall, velocity) + viscous * velocity
     assert torque == pytest.approx(law, rel=1e-12)
-    assert find_steady_torque(FLOATS, LUGRE, velocity, values) == pytest.approx(law, rel=1e-14)
+    assert compute_steady_torque(FLOATS, LUGRE, velocity, values) == pytest.approx(law, rel=1e-14)
     assert state == pytest.approx((law - viscous * velocity) / stiffness, rel=1e-12)
     assert damping > 0
 
@@ -103,7 +104,7 @@ def test_dahl_follows_the_path_not_the_speed():
 def test_small_motions_are_a_spring_and_a_damper(velocity):
     stiffness, damping, *_, viscous = PAPER
     state = 1e-9
-    torque = find_dynamic_torque(FLOATS, LUGRE, velocity, state, PAPER)
+    torque = compute_dynamic_torque(FLOATS, LUGRE, velocity, state, PAPER)
     assert torque == pytest.approx(stiffness * state + (damping + viscous) * velocity, rel=1e-3)
 
 
@@ -242,7 +243,7 @@ def test_any_closed_way_costs_energy(law):
             w * np.sin(2 * np.pi * (k + 1) * time + p)
             for k, (w, p) in enumerate(zip(weights, phases, strict=True))
         )
-        run = find_dynamic_run(law, values, build_held_path(np.diff(position) * 4000, 1 / 4000))
+        run = simulate_dynamic_friction(law, values, build_held_path(np.diff(position) * 4000, 1 / 4000))
         work = run.torque * np.diff(position)
         assert work[-4000:].sum() > 0
 
@@ -276,15 +277,15 @@ def test_fixed_steps_of_the_law_and_the_adaptive_rig_agree():
         position, velocity, state, gap = 0.0, 0.0, 0.0, 0.0
         for k, inner in itertools.product(range(200), range(parts)):
             middle = (k * parts + inner + 0.5) * step
-            state, _ = find_bristle_step(FLOATS, LUGRE, (velocity, 0.5 * step), state, values)
+            state, _ = compute_bristle_step(FLOATS, LUGRE, (velocity, 0.5 * step), state, values)
             position += 0.5 * step * velocity
             # Middle of the velocity by two passes: friction depends on it.
             ahead = velocity
             for _ in range(4):
-                friction = find_dynamic_torque(FLOATS, LUGRE, 0.5 * (velocity + ahead), state, values)
+                friction = compute_dynamic_torque(FLOATS, LUGRE, 0.5 * (velocity + ahead), state, values)
                 ahead = velocity + step * (force(middle) - friction) / mass
             velocity = ahead
-            state, _ = find_bristle_step(FLOATS, LUGRE, (velocity, 0.5 * step), state, values)
+            state, _ = compute_bristle_step(FLOATS, LUGRE, (velocity, 0.5 * step), state, values)
             position += 0.5 * step * velocity
             if inner == parts - 1:
                 gap = max(gap, abs(position - run.position[k + 1]))

@@ -7,10 +7,10 @@ import mpmath
 import numpy as np
 import pytest
 
-from symid.codegen.compiler import find_compiler
-from symid.codegen.friction_c import build_law_program, generate_friction_laws
-from symid.joint.friction_law import OperatorFriction, find_columns
-from symid.joint.friction_laws import FRICTION_LAWS, get_law, with_offset
+from symid.codegen.c_friction import build_law_program, generate_friction_laws
+from symid.codegen.compiler import locate_compiler
+from symid.joint_models.friction_catalogue import FRICTION_LAWS, get_law, with_offset
+from symid.joint_models.friction_law import OperatorFriction, compute_columns
 
 STRICT = "-std=c99 -O2 -fPIC -shared -Wall -Wextra -Wpedantic -Wconversion -Wshadow -Wdouble-promotion"
 FURTHER = ("stribeck-2.09", "improved-stribeck-h4-exponent", "position-dependent-1,3x100.5")
@@ -41,7 +41,7 @@ def name_of(law, prefix="symid"):
 
 @pytest.fixture(scope="module")
 def compiled(tmp_path_factory):
-    compiler = find_compiler()
+    compiler = locate_compiler()
     if compiler is None:
         pytest.skip("no C compiler")
     folder = tmp_path_factory.mktemp("laws")
@@ -84,7 +84,7 @@ def test_c_equals_numpy_and_forty_digits(compiled, law):
     for _ in range(20):
         inputs, values = draw(law, rng, 50)
         linear, shape = law.from_physical(values)
-        terms = find_columns(law, inputs, shape) * np.array(linear)
+        terms = compute_columns(law, inputs, shape) * np.array(linear)
         largest = np.maximum(np.abs(terms).max(axis=1), 1e-300)
         if law.name.startswith("makkar"):
             # Its first term is a difference of two hyperbolic tangents.
@@ -118,7 +118,7 @@ def test_what_is_not_finite_gives_no_finite_torque_or_the_limit(compiled, law):
 
 
 def test_single_precision_has_no_double_in_it(tmp_path):
-    compiler = find_compiler()
+    compiler = locate_compiler()
     if compiler is None:
         pytest.skip("no C compiler")
     for path, text in generate_friction_laws(LAWS, prefix="arm", precision="float"):

@@ -2,17 +2,15 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from sympy import QQ
 
-from symid.algebra.exact import find_domain
-from symid.algebra.points import PointAlgebra, build_point_state
 from symid.codegen.casadi_functions import build_functions
-from symid.dynamics.kinematics import build_recursion
+from symid.dynamics.base_parameters import derive_base_parameters
+from symid.dynamics.exact_algebra import PointAlgebra, build_point_state, choose_domain
 from symid.dynamics.lagrange import derive_energy, evaluate_torque_columns
-from symid.dynamics.regressors import find_lagrange_columns, find_momentum_columns
-from symid.parameters.base import find_base_parameters
+from symid.dynamics.recursion import build_recursion
+from symid.dynamics.regressors import compute_lagrange_columns, compute_momentum_columns
 from tests.chains import PANDA, PUMA560, STANFORD, TWO_LINK, draw_rational_state, trees
 
 NAMES = (
@@ -42,18 +40,18 @@ def check(robot, seed):
     values, (q, dq, ddq) = draw_rational_state(robot, seed)
     energy = derive_energy(robot)
     functions = {function.name(): function for function in build_functions(robot, names=NAMES).functions}
-    keys = find_base_parameters(robot).keys
+    keys = derive_base_parameters(robot).keys
     kinetic, potential = functions["energy_regressor"](q, dq)
     assert_close(kinetic, [float(evaluate(energy.kinetic[key], values)) for key in keys])
     assert_close(potential, [float(evaluate(energy.potential[key], values)) for key in keys])
-    algebra = PointAlgebra(find_domain(robot), values)
+    algebra = PointAlgebra(choose_domain(robot), values)
     recursion = build_recursion(robot, algebra, build_point_state(robot, algebra, values))
 
     def stack(columns):
         return np.array([[float(entry) for entry in columns[key]] for key in keys]).T
 
-    assert_close(functions["momentum_regressor"](q, dq), stack(find_momentum_columns(recursion, keys)))
-    assert_close(functions["lagrange_regressor"](q, dq), stack(find_lagrange_columns(recursion, keys)))
+    assert_close(functions["momentum_regressor"](q, dq), stack(compute_momentum_columns(recursion, keys)))
+    assert_close(functions["lagrange_regressor"](q, dq), stack(compute_lagrange_columns(recursion, keys)))
     torque = stack(evaluate_torque_columns(energy, keys, values))
     assert_close(functions["torque_regressor"](q, dq, ddq), torque)
     beta = np.array([float(QQ(k + 1, 7)) for k in range(len(keys))])

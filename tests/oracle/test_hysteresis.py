@@ -14,36 +14,40 @@ import sympy
 from hypothesis import given, settings
 
 from symid.errors import RobotError
-from symid.joint.hysteresis import (
+from symid.joint_models.hysteresis import (
     OperatorCarrier,
     Plays,
     SpringTerms,
-    find_inverse_step,
-    find_step,
-    find_stop,
+    advance_inverse_spring,
+    advance_spring,
+    compute_stop,
+    convert_to_normal_form,
     invert_plays_memory,
     invert_spring,
 )
-from symid.joint.loops import find_branch, find_cycle_loss, find_first_curve
-from symid.joint.normal_form import find_normal_form
-from symid.joint.play_model import PlayModel, build_stops, find_memory_mistakes, find_play_model, invert_pi
-from symid.joint.plays import (
-    find_hysteresis_torque,
-    find_inverse_plays,
-    find_pi_output,
-    find_plays,
-    find_spring_work,
-    find_stop_basis,
-    find_work_columns,
+from symid.joint_models.prandtl_ishlinskii import (
+    PlayModel,
+    build_play_model,
+    build_stops,
+    compute_branch,
+    compute_compliance_dissipation,
+    compute_compliance_energy,
+    compute_cycle_loss,
+    compute_dissipation,
+    compute_first_curve,
+    compute_hysteresis_torque,
+    compute_inverse_plays,
+    compute_play_output,
+    compute_plays,
+    compute_spring_work,
+    compute_stop_basis,
+    compute_stored_energy,
+    compute_work_columns,
     invert_hysteresis,
+    invert_play_model,
+    list_memory_mistakes,
+    read_spring_terms,
 )
-from symid.joint.spring_energy import (
-    find_compliance_dissipation,
-    find_compliance_energy,
-    find_dissipation,
-    find_stored_energy,
-)
-from symid.joint.spring_numbers import find_spring_terms
 from symid.robot.elasticity import Elasticity, Knee, Stop
 
 ROUNDING = 1e-13
@@ -81,7 +85,7 @@ def wander(seed=0, count=3000, size=0.02):
 def find_legal_memory(thresholds, seed):
     """Return plays that a history leaves: those at the end of a random path."""
     path = np.random.default_rng(seed).uniform(-2, 2, 5) * thresholds[-1]
-    return find_plays(path, thresholds)[-1]
+    return compute_plays(path, thresholds)[-1]
 
 
 @st.composite
@@ -103,16 +107,16 @@ def draw_memory(model, seed):
 def test_v1_the_inverse_of_plays_undoes_them(model, seed):
     values = np.random.default_rng(seed).uniform(-5, 5, 60)
     memory = draw_memory(model, seed)
-    inverse, image = invert_pi(model, memory)
-    back = find_pi_output(inverse, find_pi_output(model, values, memory), image)
+    inverse, image = invert_play_model(model, memory)
+    back = compute_play_output(inverse, compute_play_output(model, values, memory), image)
     np.testing.assert_allclose(back, values, rtol=0, atol=2e-13)
 
 
 @given(play_models(), st.integers(0, 1000))
 def test_v2_the_inverse_of_the_inverse_is_the_model(model, seed):
     memory = draw_memory(model, seed)
-    inverse, image = invert_pi(model, memory)
-    again, back = invert_pi(inverse, image)
+    inverse, image = invert_play_model(model, memory)
+    again, back = invert_play_model(inverse, image)
     np.testing.assert_allclose(again.weights, model.weights, rtol=1e-12, atol=1e-13)
     np.testing.assert_allclose(again.thresholds, model.thresholds, rtol=1e-12)
     np.testing.assert_allclose(back, memory, rtol=0, atol=1e-12)
@@ -123,10 +127,10 @@ def test_v3_the_inverse_of_a_spring_undoes_it(elasticity):
     radii = np.array([stop.threshold for stop in elasticity.stops])
     for seed in range(20):
         phi, memory = wander(seed), find_legal_memory(radii, seed)
-        torque = find_hysteresis_torque(elasticity, phi, memory=memory)
+        torque = compute_hysteresis_torque(elasticity, phi, memory=memory)
         back = invert_hysteresis(elasticity, torque, memory)
         np.testing.assert_allclose(back, phi, rtol=0, atol=ROUNDING * 0.02)
-    torque = find_hysteresis_torque(elasticity, phi)
+    torque = compute_hysteresis_torque(elasticity, phi)
     np.testing.assert_allclose(invert_hysteresis(elasticity, torque), phi, rtol=0, atol=ROUNDING * 0.02)
 
 
@@ -155,13 +159,13 @@ def test_v3_and_v6_for_any_spring(elasticity, seed):
     radii = np.array([stop.threshold for stop in elasticity.stops])
     memory = find_legal_memory(radii, seed) if radii.size else radii
     phi = np.random.default_rng(seed).uniform(-1.5, 1.5, 50)
-    torque = find_hysteresis_torque(elasticity, phi, memory=memory)
+    torque = compute_hysteresis_torque(elasticity, phi, memory=memory)
     np.testing.assert_allclose(invert_hysteresis(elasticity, torque, memory), phi, rtol=0, atol=1e-13)
-    work, lost = find_spring_work(elasticity, phi, memory), find_dissipation(elasticity, phi, memory)
-    stored = find_stored_energy(elasticity, phi, memory)
+    work, lost = compute_spring_work(elasticity, phi, memory), compute_dissipation(elasticity, phi, memory)
+    stored = compute_stored_energy(elasticity, phi, memory)
     np.testing.assert_allclose(work, stored - stored[0] + lost, rtol=0, atol=1e-12 * (1 + lost[-1]))
     assert np.all(np.diff(lost) >= 0)
-    assert find_stored_energy(elasticity, np.zeros(1))[0] == pytest.approx(0, abs=1e-14)
+    assert compute_stored_energy(elasticity, np.zeros(1))[0] == pytest.approx(0, abs=1e-14)
 
 
 def test_v4_the_scale_of_the_outer_function_does_not_matter():
@@ -175,12 +179,12 @@ def test_v4_the_scale_of_the_outer_function_does_not_matter():
                 Knee(threshold=knee.threshold * factor, slope=knee.slope / factor) for knee in HARDENING
             ),
         )
-        again = find_normal_form(scaled, 1.0 / factor)
+        again = convert_to_normal_form(scaled, 1.0 / factor)
         phi = wander(3)
-        torque = find_hysteresis_torque(SHOULDER, phi)
-        np.testing.assert_allclose(find_hysteresis_torque(again, phi), torque, rtol=1e-14, atol=1e-14)
+        torque = compute_hysteresis_torque(SHOULDER, phi)
+        np.testing.assert_allclose(compute_hysteresis_torque(again, phi), torque, rtol=1e-14, atol=1e-14)
         # Kuhnen's form with the slope apart, written down anew.
-        inner = find_hysteresis_torque(Elasticity(stiffness=scaled.stiffness, stops=scaled.stops), phi)
+        inner = compute_hysteresis_torque(Elasticity(stiffness=scaled.stiffness, stops=scaled.stops), phi)
         outer = inner / factor
         for knee in scaled.knees:
             beyond = np.maximum if knee.threshold > 0 else np.minimum
@@ -189,16 +193,16 @@ def test_v4_the_scale_of_the_outer_function_does_not_matter():
 
 
 def test_v5_plays_and_stops_are_the_same_model():
-    model, phi = find_play_model(SOFT), wander(5)
+    model, phi = build_play_model(SOFT), wander(5)
     np.testing.assert_allclose(
-        find_pi_output(model, phi), find_hysteresis_torque(SOFT, phi), rtol=0, atol=1e-14
+        compute_play_output(model, phi), compute_hysteresis_torque(SOFT, phi), rtol=0, atol=1e-14
     )
     again = build_stops(model)
     np.testing.assert_allclose([again.stiffness], [SOFT.stiffness], rtol=1e-15)
     assert again.stops == SOFT.stops
-    basis = find_stop_basis(phi, np.array(model.thresholds))
+    basis = compute_stop_basis(phi, np.array(model.thresholds))
     weights = [SOFT.stiffness, *(stop.stiffness for stop in SOFT.stops)]
-    np.testing.assert_allclose(basis @ weights, find_hysteresis_torque(SOFT, phi), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(basis @ weights, compute_hysteresis_torque(SOFT, phi), rtol=0, atol=1e-14)
 
 
 def integrate(torque_of, inputs, fine=4000):
@@ -216,22 +220,22 @@ def integrate(torque_of, inputs, fine=4000):
 def test_v6_work_is_energy_stored_and_lost(elasticity):
     radii = np.array([stop.threshold for stop in elasticity.stops])
     phi, memory = wander(7, 30), find_legal_memory(radii, 7)
-    work = find_spring_work(elasticity, phi, memory)
-    stored = find_stored_energy(elasticity, phi, memory)
-    lost = find_dissipation(elasticity, phi, memory)
+    work = compute_spring_work(elasticity, phi, memory)
+    stored = compute_stored_energy(elasticity, phi, memory)
+    lost = compute_dissipation(elasticity, phi, memory)
     np.testing.assert_allclose(work, stored - stored[0] + lost, rtol=0, atol=1e-14)
     assert np.all(np.diff(lost) >= 0)
     assert lost[-1] > 0.005
-    reference, _ = integrate(lambda x: find_hysteresis_torque(elasticity, x, memory=memory), phi)
+    reference, _ = integrate(lambda x: compute_hysteresis_torque(elasticity, x, memory=memory), phi)
     np.testing.assert_allclose(work, reference, rtol=0, atol=4e-7 * np.abs(work).max())
 
 
 def test_v6_for_a_compliance():
     model = PlayModel(weights=(1.0, 0.3, 0.2), thresholds=(0.5, 1.2))
     torque, memory = wander(8, 30, 3.0), np.array([0.2, 0.5])
-    stored = find_compliance_energy(model, torque, memory)
-    lost = find_compliance_dissipation(model, torque, memory)
-    _, work = integrate(lambda x: find_pi_output(model, x, memory), torque)
+    stored = compute_compliance_energy(model, torque, memory)
+    lost = compute_compliance_dissipation(model, torque, memory)
+    _, work = integrate(lambda x: compute_play_output(model, x, memory), torque)
     np.testing.assert_allclose(stored - stored[0] + lost, work, rtol=0, atol=1e-7 * np.abs(work).max())
     assert np.all(np.diff(lost) >= 0)
 
@@ -239,10 +243,10 @@ def test_v6_for_a_compliance():
 def test_v6_for_a_cubic_spring():
     cubic = Elasticity(stiffness=380.0, cubic=1e5, stops=SHOULDER.stops)
     phi = wander(9, 30)
-    work = find_spring_work(cubic, phi)
-    stored = find_stored_energy(cubic, phi)
-    np.testing.assert_allclose(work, stored - stored[0] + find_dissipation(cubic, phi), rtol=0, atol=1e-14)
-    reference, _ = integrate(lambda x: find_hysteresis_torque(cubic, x), phi)
+    work = compute_spring_work(cubic, phi)
+    stored = compute_stored_energy(cubic, phi)
+    np.testing.assert_allclose(work, stored - stored[0] + compute_dissipation(cubic, phi), rtol=0, atol=1e-14)
+    reference, _ = integrate(lambda x: compute_hysteresis_torque(cubic, x), phi)
     np.testing.assert_allclose(work, reference, rtol=0, atol=1e-6 * np.abs(work).max())
 
 
@@ -251,7 +255,7 @@ def test_the_split_does_not_depend_on_the_form():
     far = (Knee(threshold=-1e3, slope=0.5), Knee(threshold=1e3, slope=0.5))
     other = Elasticity(stiffness=380.0, stops=SHOULDER.stops, knees=far)
     phi = wander(10)
-    for find in (find_spring_work, find_stored_energy, find_dissipation):
+    for find in (compute_spring_work, compute_stored_energy, compute_dissipation):
         np.testing.assert_allclose(find(other, phi), find(SOFT, phi), rtol=0, atol=1e-13)
 
 
@@ -262,15 +266,15 @@ def test_v7_positive_play_weights_create_energy():
     loss = {}
     for sign in (1.0, -1.0):
         model = PlayModel(weights=(2.0, sign * 0.42, sign * 0.21), thresholds=tuple(radii.tolist()))
-        work, _ = integrate(lambda x, model=model: find_pi_output(model, x), settled)
-        plays = find_plays(settled, radii)
+        work, _ = integrate(lambda x, model=model: compute_play_output(model, x), settled)
+        plays = compute_plays(settled, radii)
         ways = np.abs(np.diff(plays[-5:], axis=0)).sum(axis=0)
         formula = -sum(np.array(model.weights[1:]) * radii * ways)
         loss[sign] = work[-1] - work[-5]
         assert loss[sign] == pytest.approx(formula, rel=1e-6)
     assert loss[1.0] < 0 < loss[-1.0]
     spring = build_stops(PlayModel(weights=(2.0, -0.42, -0.21), thresholds=tuple(radii.tolist())))
-    assert loss[-1.0] == pytest.approx(find_cycle_loss(spring, amplitude), rel=1e-6)
+    assert loss[-1.0] == pytest.approx(compute_cycle_loss(spring, amplitude), rel=1e-6)
 
 
 @SPRINGS
@@ -278,33 +282,35 @@ def test_v8_branches_wiping_out_and_rate(elasticity):
     amplitude = 0.013
     up, down = np.linspace(0, amplitude, 50), np.linspace(amplitude, -amplitude, 80)
     for side in (1.0, -1.0):
-        torque = find_hysteresis_torque(elasticity, side * np.concatenate([up, down]))
-        np.testing.assert_allclose(torque[:50], find_first_curve(elasticity, side * up), rtol=0, atol=1e-14)
-        branch = find_branch(elasticity, side * amplitude, side * down)
+        torque = compute_hysteresis_torque(elasticity, side * np.concatenate([up, down]))
+        np.testing.assert_allclose(
+            torque[:50], compute_first_curve(elasticity, side * up), rtol=0, atol=1e-14
+        )
+        branch = compute_branch(elasticity, side * amplitude, side * down)
         np.testing.assert_allclose(torque[50:], branch, rtol=0, atol=2e-14)
-    plain = find_hysteresis_torque(elasticity, np.array([0.0, 0.012, -0.005, 0.013]))
-    inner = find_hysteresis_torque(elasticity, np.array([0.0, 0.012, -0.005, 0.009, 0.001, 0.008, 0.013]))
+    plain = compute_hysteresis_torque(elasticity, np.array([0.0, 0.012, -0.005, 0.013]))
+    inner = compute_hysteresis_torque(elasticity, np.array([0.0, 0.012, -0.005, 0.009, 0.001, 0.008, 0.013]))
     assert plain[-1] == inner[-1]
     phi = wander(11)
-    repeated = find_hysteresis_torque(elasticity, np.repeat(phi, 3))
-    np.testing.assert_array_equal(repeated[::3], find_hysteresis_torque(elasticity, phi))
+    repeated = compute_hysteresis_torque(elasticity, np.repeat(phi, 3))
+    np.testing.assert_array_equal(repeated[::3], compute_hysteresis_torque(elasticity, phi))
 
 
 @SPRINGS
 def test_v14_a_closed_loop_costs_what_a_cycle_loses(elasticity):
     cycle = 0.014 * np.array([0.0, 1.0, -1.0, 1.0])
-    work = find_spring_work(elasticity, cycle)
-    lost = find_dissipation(elasticity, cycle)
+    work = compute_spring_work(elasticity, cycle)
+    lost = compute_dissipation(elasticity, cycle)
     assert work[3] - work[1] == pytest.approx(lost[3] - lost[1], rel=1e-12)
     assert work[3] - work[1] > 0
     if not elasticity.knees:
-        assert work[3] - work[1] == pytest.approx(find_cycle_loss(elasticity, 0.014), rel=1e-12)
+        assert work[3] - work[1] == pytest.approx(compute_cycle_loss(elasticity, 0.014), rel=1e-12)
 
 
 def test_work_columns_add_up_to_the_work():
     phi, memory = wander(12), np.array([0.001, 0.002, 0.003])
-    columns = find_work_columns(phi, np.array([0.002, 0.005, 0.010]), memory)
-    work = find_spring_work(SOFT, phi, memory)
+    columns = compute_work_columns(phi, np.array([0.002, 0.005, 0.010]), memory)
+    work = compute_spring_work(SOFT, phi, memory)
     np.testing.assert_allclose(columns @ [380.0, 120.0, 60.0, 40.0], work, rtol=0, atol=1e-13)
     assert not columns[0].any()
 
@@ -315,26 +321,28 @@ def test_plays_of_blocks_are_those_of_single_steps(count, size, seed):
     generator = np.random.default_rng(seed)
     values, radii = generator.normal(size=count), np.sort(generator.uniform(0, 2, size))
     state = memory = generator.normal(size=size)
-    plays = find_plays(values, radii, memory)
+    plays = compute_plays(values, radii, memory)
     for value, found in zip(values, plays, strict=True):
         state = np.maximum(value - radii, np.minimum(value + radii, state))
         np.testing.assert_array_equal(found, state)
 
 
 def test_no_samples_and_no_plays():
-    assert find_plays(np.empty(0), np.array([1.0])).shape == (0, 1)
-    assert find_plays(np.ones(3), np.empty(0)).shape == (3, 0)
+    assert compute_plays(np.empty(0), np.array([1.0])).shape == (0, 1)
+    assert compute_plays(np.ones(3), np.empty(0)).shape == (3, 0)
     linear = Elasticity(stiffness=7.0)
-    np.testing.assert_array_equal(find_hysteresis_torque(linear, np.array([1.0, -2.0])), [7.0, -14.0])
+    np.testing.assert_array_equal(compute_hysteresis_torque(linear, np.array([1.0, -2.0])), [7.0, -14.0])
     np.testing.assert_array_equal(invert_hysteresis(linear, np.array([7.0, -14.0])), [1.0, -2.0])
-    assert find_spring_work(linear, np.array([1.0, -2.0])).tolist() == [0.0, 10.5]
+    assert compute_spring_work(linear, np.array([1.0, -2.0])).tolist() == [0.0, 10.5]
 
 
 def test_damping_is_added_where_the_rate_is_given():
     damped = Elasticity(stiffness=10.0, damping=0.5, cubic=2.0)
     phi, dphi = np.array([0.1, 0.2]), np.array([1.0, -1.0])
-    np.testing.assert_allclose(find_hysteresis_torque(damped, phi, dphi), 10 * phi + 2 * phi**3 + 0.5 * dphi)
-    np.testing.assert_allclose(find_hysteresis_torque(damped, phi), 10 * phi + 2 * phi**3)
+    np.testing.assert_allclose(
+        compute_hysteresis_torque(damped, phi, dphi), 10 * phi + 2 * phi**3 + 0.5 * dphi
+    )
+    np.testing.assert_allclose(compute_hysteresis_torque(damped, phi), 10 * phi + 2 * phi**3)
 
 
 MPMATH = OperatorCarrier(zero=mpmath.mpf(0), one=mpmath.mpf(1), maximum=max, minimum=min)
@@ -366,7 +374,7 @@ def lift(terms, number):
 def test_other_carriers_give_the_same(elasticity, carrier, number):
     phi, radii = wander(13, 40), np.array([stop.threshold for stop in elasticity.stops])
     memory = find_legal_memory(radii, 4)
-    spring = lift(find_spring_terms(elasticity), number)
+    spring = lift(read_spring_terms(elasticity), number)
     inverse = invert_spring(carrier, spring)
     plays = tuple(number(float(entry)) for entry in memory)
     first = carrier.add(spring.stiffness, sum((k for _, k in spring.stops), carrier.zero))
@@ -376,43 +384,43 @@ def test_other_carriers_give_the_same(elasticity, carrier, number):
     state = invert_plays_memory(carrier, model, plays)
     torques, torsions = [], []
     for value in phi:
-        torque, plays = find_step(carrier, spring, number(float(value)), plays)
-        torsion, state = find_inverse_step(carrier, inverse, torque, state)
+        torque, plays = advance_spring(carrier, spring, number(float(value)), plays)
+        torsion, state = advance_inverse_spring(carrier, inverse, torque, state)
         torques.append(float(torque))
         torsions.append(float(torsion))
         if carrier is EXACT:
             assert torsion == Fraction(float(value))
     np.testing.assert_allclose(
-        find_hysteresis_torque(elasticity, phi, memory=memory), torques, rtol=0, atol=1e-14
+        compute_hysteresis_torque(elasticity, phi, memory=memory), torques, rtol=0, atol=1e-14
     )
     np.testing.assert_allclose(torsions, phi, rtol=0, atol=1e-15)
-    found = find_inverse_plays(elasticity, phi, memory).plays[-1, 1:]
+    found = compute_inverse_plays(elasticity, phi, memory).plays[-1, 1:]
     np.testing.assert_allclose(found, [float(entry) for entry in state], rtol=0, atol=1e-14)
 
 
 def test_a_step_can_be_printed():
     phi, k0, k1, r1, p1 = sympy.symbols("phi k0 k1 r1 P1", real=True)
-    torque, (play,) = find_step(SYMPY, SpringTerms(stiffness=k0, stops=((r1, k1),)), phi, (p1,))
+    torque, (play,) = advance_spring(SYMPY, SpringTerms(stiffness=k0, stops=((r1, k1),)), phi, (p1,))
     assert play == sympy.Max(phi - r1, sympy.Min(p1, phi + r1))
     assert torque == k0 * phi + k1 * (phi - play)
     assert r"\max" in sympy.latex(play)
-    assert find_stop(EXACT, Fraction(3), Fraction(1), Fraction(0)) == 1
+    assert compute_stop(EXACT, Fraction(3), Fraction(1), Fraction(0)) == 1
 
 
 def test_what_is_refused():
     cubic = Elasticity(stiffness=1.0, cubic=1.0, knees=HARDENING)
-    for find in (find_spring_work, find_stored_energy, find_dissipation, invert_hysteresis):
+    for find in (compute_spring_work, compute_stored_energy, compute_dissipation, invert_hysteresis):
         with pytest.raises(RobotError, match="cubic spring") as caught:
             find(cubic, np.zeros(2))
         assert caught.value.notices[0].code == "robot.cubic-spring"
     with pytest.raises(RobotError, match="unknown") as caught:
-        find_hysteresis_torque(Elasticity(stiffness=1.0, stops=(Stop(threshold=1.0),)), np.zeros(2))
+        compute_hysteresis_torque(Elasticity(stiffness=1.0, stops=(Stop(threshold=1.0),)), np.zeros(2))
     assert caught.value.notices[0].code == "robot.unknown-stiffness"
     with pytest.raises(RobotError) as caught:
         invert_hysteresis(SOFT, np.zeros(2), np.array([0.0, 0.01, 0.0]))
     assert [notice.code for notice in caught.value.notices] == ["robot.impossible-memory"] * 2
     assert "plays 1 and 2 are 0.01 apart; allowed is 0.003" in str(caught.value)
-    assert "the memory has 1 plays" in find_memory_mistakes([1.0, 2.0], [0.0])[0]
+    assert "the memory has 1 plays" in list_memory_mistakes([1.0, 2.0], [0.0])[0]
     for weights, thresholds in [((1.0, -2.0), (1.0,)), ((1.0,), (1.0,)), ((1.0, 0.1, 0.1), (1.0, 1.0))]:
         with pytest.raises(RobotError):
             PlayModel(weights=weights, thresholds=thresholds)

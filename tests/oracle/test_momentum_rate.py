@@ -5,8 +5,8 @@ import pinocchio as pin
 import pytest
 
 from symid.codegen.casadi_functions import build_functions
+from symid.dynamics.base_parameters import derive_base_parameters
 from symid.notation import INERTIAL
-from symid.parameters.base import find_base_parameters
 from tests.chains import PANDA, PUMA560, STANFORD, TWO_LINK, build_pinocchio, draw_parameters, run_program
 
 _STEP = 1e-5
@@ -18,7 +18,7 @@ def test_the_rate_of_the_momentum_less_the_lagrangian_force_is_the_torque(robot)
     rng = np.random.default_rng(20)
     q, dq, ddq = rng.uniform(-2.0, 2.0, (3, robot.size))
     parameters = draw_parameters(rng, robot.size)
-    base = find_base_parameters(robot)
+    base = derive_base_parameters(robot)
     flat = {
         (link, name): parameters[link, k] for link in range(robot.size) for k, name in enumerate(INERTIAL)
     }

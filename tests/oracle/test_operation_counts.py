@@ -7,7 +7,7 @@ more a joint, and as many quotients fewer as there are pairs of joints.
 
 import pytest
 
-from symid.codegen.routes import find_route_counts
+from symid.codegen.routes import count_route_operations
 from tests.chains import KR30, LWR4, PANDA, PUMA560, TWO_LINK, UR5
 
 PUBLISHED = {
@@ -151,7 +151,7 @@ def counts():
     return {
         name: {
             count.function: (count.operations.mul, count.operations.add)
-            for count in find_route_counts(robot)
+            for count in count_route_operations(robot)
             if count.chosen
         }
         for name, robot in ROBOTS.items()

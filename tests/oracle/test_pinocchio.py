@@ -5,14 +5,13 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 
-from symid.algebra.floats import FloatAlgebra, build_float_state
 from symid.codegen.casadi_functions import build_functions
-from symid.dynamics.energy import find_energy_rows
-from symid.dynamics.kinematics import build_recursion
+from symid.dynamics.algebra import FloatAlgebra, build_float_state
+from symid.dynamics.base_parameters import derive_base_parameters
 from symid.dynamics.lagrange import derive_energy, evaluate_torque_columns
-from symid.dynamics.regressors import find_torque_columns
+from symid.dynamics.recursion import build_recursion
+from symid.dynamics.regressors import compute_energy_regressor, compute_torque_columns
 from symid.notation import INERTIAL
-from symid.parameters.base import find_base_parameters
 from tests.chains import (
     PANDA,
     PUMA560,
@@ -52,7 +51,7 @@ def find_float_columns(robot, state):
     carrier = build_float_state(*state)
     recursion = build_recursion(robot, algebra, carrier)
     keys = list_keys(robot)
-    return stack(find_torque_columns(recursion, keys), keys), recursion.motions, algebra
+    return stack(compute_torque_columns(recursion, keys), keys), recursion.motions, algebra
 
 
 @pytest.mark.parametrize("robot", ROBOTS, ids=lambda r: r.name)
@@ -84,7 +83,7 @@ def test_recursion_equals_pinocchio_on_random_trees(robot):
 def test_energy_regressors_equal_pinocchio(robot):
     (q, dq, ddq), parameters = draw_state(robot, 7)
     _, motions, algebra = find_float_columns(robot, (q, dq, ddq))
-    rows = [find_energy_rows(algebra, motion) for motion in motions]
+    rows = [compute_energy_regressor(algebra, motion) for motion in motions]
     model = build_pinocchio(robot, parameters)
     data = model.createData()
     kinetic = order_regressor(pin.computeKineticEnergyRegressor(model, data, q, dq))
@@ -96,7 +95,7 @@ def test_energy_regressors_equal_pinocchio(robot):
 @pytest.mark.parametrize("robot", ROBOTS, ids=lambda r: r.name)
 def test_functions_equal_pinocchio(robot):
     (q, dq, ddq), parameters = draw_state(robot, 11)
-    base = find_base_parameters(robot)
+    base = derive_base_parameters(robot)
     flat = dict(zip(list_keys(robot), parameters.ravel(), strict=True))
     beta = np.array([sum(float(c) * flat[key] for key, c in p.terms) for p in base.parameters])
     functions = {function.name(): function for function in build_functions(robot).functions}
@@ -142,7 +141,7 @@ def test_functions_equal_pinocchio(robot):
 def test_coriolis_matrix_makes_the_skew_form(robot):
     """dM/dt - 2 C is skew-symmetric (central difference of M along dq)."""
     (q, dq, _), parameters = draw_state(robot, 13)
-    base = find_base_parameters(robot)
+    base = derive_base_parameters(robot)
     flat = dict(zip(list_keys(robot), parameters.ravel(), strict=True))
     beta = np.array([sum(float(c) * flat[key] for key, c in p.terms) for p in base.parameters])
     mass, coriolis = build_functions(robot, names=("mass_matrix", "coriolis_matrix")).functions
@@ -156,7 +155,7 @@ def test_coriolis_matrix_makes_the_skew_form(robot):
 @pytest.mark.parametrize("robot", ROBOTS, ids=lambda r: r.name)
 def test_lagrange_regressor_is_the_gradient_of_the_lagrangian(robot):
     (q, dq, _), parameters = draw_state(robot, 17)
-    base = find_base_parameters(robot)
+    base = derive_base_parameters(robot)
     flat = dict(zip(list_keys(robot), parameters.ravel(), strict=True))
     beta = np.array([sum(float(c) * flat[key] for key, c in p.terms) for p in base.parameters])
     energy, lagrange = build_functions(robot, names=("energy", "lagrange_regressor")).functions

@@ -13,8 +13,8 @@ import pinocchio as pin
 import pytest
 
 from symid.cli.main import run
-from symid.formats.toml import read_robot
-from symid.parameters.base import find_base_parameters
+from symid.dynamics.base_parameters import derive_base_parameters
+from symid.robot.toml_reader import read_robot
 from tests.chains import build_pinocchio, draw_parameters, order_regressor
 
 # Base parameters of links and rotors, and of friction.
@@ -56,7 +56,7 @@ def test_a_shipped_robot_is_checked_and_has_its_count(robots_folder, capsys, nam
     assert run(["check", file, "--json"]) == 0
     answer = json.loads(capsys.readouterr().out)
     assert {entry["code"] for entry in answer["warnings"]} <= {"robot.elastic-joint"}
-    base = find_base_parameters(read_robot(robots_folder / f"{name}.toml"))
+    base = derive_base_parameters(read_robot(robots_folder / f"{name}.toml"))
     assert (base.count, len(base.friction)) == COUNTS[name]
 
 
@@ -113,7 +113,7 @@ def read_group(text):
 def test_tx40_groups_as_published(robots_folder, shared_data):
     """Every published group, member by member with its coefficient; our set has IA6 besides, 61 in all."""
     robot = read_robot(robots_folder / "tx40.toml")
-    base = find_base_parameters(robot)
+    base = derive_base_parameters(robot)
     found = set()
     for parameter in (*base.parameters, *base.friction):
         owners = [str(index + 1) if index < robot.size else "m6" for (index, _), _ in parameter.terms]

@@ -14,14 +14,14 @@ import pytest
 import sympy
 from sympy.physics.mechanics import dynamicsymbols
 
-from symid.codegen.catalogue import find_robot_specs
+from symid.codegen.catalogue import list_robot_specs
 from symid.codegen.routes import choose_route
 from symid.codegen.symbolic import derive_symbolic
+from symid.dynamics.base_parameters import build_standard_parameters, derive_base_parameters
 from symid.errors import UsageError
-from symid.formats.toml import read_robot
 from symid.notation import INERTIAL
-from symid.parameters.base import build_standard_parameters, find_base_parameters
 from symid.robot.description import Coupling, Drive, FrictionKind, FrictionValues, Mimic, Spring
+from symid.robot.toml_reader import read_robot
 from tests.chains import PANDA, TWO_LINK, build_chain, build_pinocchio, draw_parameters, run_program
 
 PI = np.pi
@@ -69,9 +69,9 @@ def derive(robots):
     @functools.cache
     def find(name):
         robot = robots[name]
-        base = find_base_parameters(robot)
+        base = derive_base_parameters(robot)
         wanted = dict(CASES)[name]
-        specs = [spec for spec in find_robot_specs(robot, base) if wanted is None or spec.name in wanted]
+        specs = [spec for spec in list_robot_specs(robot, base) if wanted is None or spec.name in wanted]
         return base, {spec.name: (spec, derive_symbolic(robot, spec.name, base=base)) for spec in specs}
 
     return find
@@ -139,7 +139,7 @@ def test_panda_equals_pinocchio(robots, seed):
     standard = build_standard_parameters(robot)
     values = {(link, name): links[link, k] for link in range(robot.size) for k, name in enumerate(INERTIAL)}
     pi = np.array([values[parameter.label] for parameter in standard.parameters])
-    base = find_base_parameters(robot)
+    base = derive_base_parameters(robot)
     beta = np.array(
         [sum(float(c) * values[label] for label, c in p.terms if label in values) for p in base.parameters]
     )
@@ -280,7 +280,7 @@ import hashlib, sys
 from pathlib import Path
 from sympy import srepr
 from symid.codegen.symbolic import derive_symbolic
-from symid.formats.toml import read_robot
+from symid.robot.toml_reader import read_robot
 found = hashlib.sha256()
 for robot, names in (("two_link_elastic", "inverse_dynamics forward_dynamics hysteresis_inverse_step"),
                      ("rrp_twisted", "coriolis_matrix torque_regressor"), ("panda", "mass_matrix gravity")):

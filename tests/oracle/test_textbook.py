@@ -22,8 +22,8 @@ and MY are left, MX and MY unless that axis is parallel to gravity.
 import pytest
 from sympy import Rational, Symbol, cos, expand, pi, sin, sympify
 
+from symid.dynamics.base_parameters import derive_base_parameters
 from symid.notation import INERTIAL
-from symid.parameters.base import find_base_parameters
 from tests.chains import PANDA, PI, PUMA560, build_chain
 
 VERTICAL, LYING = ("0", "0", "-9.81"), ("0", "-9.81", "0")
@@ -92,7 +92,7 @@ def write_terms(parameter, lengths=()):
 
 def assert_textbook(rows, gravity):
     robot = build_chain(rows, gravity=gravity)
-    found = {p.label: write_terms(p) for p in find_base_parameters(robot).parameters}
+    found = {p.label: write_terms(p) for p in derive_base_parameters(robot).parameters}
     expected = list_textbook(rows, vertical=gravity == VERTICAL)
     assert list(found) == list(expected)
     for label, expression in expected.items():
@@ -144,7 +144,7 @@ def test_grouping_is_that_of_the_textbook(name):
 def test_planar_three_links_as_printed():
     """Khalil and Dombre 2002: nine parameters, masses beyond a joint act at its distance."""
     robot = build_chain(PLANAR_3R, gravity=LYING)
-    expressions = {p.name: p.expression for p in find_base_parameters(robot).parameters}
+    expressions = {p.name: p.expression for p in derive_base_parameters(robot).parameters}
     assert expressions == {
         "ZZR1": "ZZ1 + L1^2*M2 + L1^2*M3",
         "MXR1": "MX1 + L1*M2 + L1*M3",
@@ -160,7 +160,7 @@ def test_planar_three_links_as_printed():
 
 def test_planar_arm_on_a_table_shows_no_first_moment_of_link_1():
     robot = build_chain(PLANAR_2R, gravity=VERTICAL)
-    assert [p.name for p in find_base_parameters(robot).parameters] == ["ZZR1", "ZZ2", "MX2", "MY2"]
+    assert [p.name for p in derive_base_parameters(robot).parameters] == ["ZZR1", "ZZ2", "MX2", "MY2"]
 
 
 VALUES = {"A3": 0.4318, "D3": 0.15005, "A4": 0.0203, "D4": 0.4318}
@@ -168,8 +168,8 @@ VALUES = {"A3": 0.4318, "D3": 0.15005, "A4": 0.0203, "D4": 0.4318}
 
 def test_symbols_with_values_put_in_give_the_numeric_set():
     lengths = {name: Rational(str(value)) for name, value in VALUES.items()}
-    symbolic = find_base_parameters(build_chain(PUMA)).parameters
-    numeric = find_base_parameters(PUMA560).parameters
+    symbolic = derive_base_parameters(build_chain(PUMA)).parameters
+    numeric = derive_base_parameters(PUMA560).parameters
     assert [p.name for p in symbolic] == [p.name for p in numeric]
     for left, right in zip(symbolic, numeric, strict=True):
         assert expand(write_terms(left, lengths) - write_terms(right)) == 0
@@ -190,7 +190,7 @@ def test_numeric_arms_follow_the_relations(robot, rows):
         (PI / 2, 0, 0, "q"),
         (PI / 2, 0.088, 0, "q"),
     ]
-    found = find_base_parameters(robot).parameters
+    found = derive_base_parameters(robot).parameters
     expected = list_textbook(rows, vertical=True)
     assert [p.label for p in found] == list(expected)
     for parameter in found:
@@ -200,7 +200,7 @@ def test_numeric_arms_follow_the_relations(robot, rows):
 def test_rotors_of_the_first_joints_stand_with_their_links():
     """Gautier and Khalil 1990: IA groups with ZZ where the joint's rotor feels what its link feels."""
     robot = build_chain(PUMA, rotors=True)
-    base = find_base_parameters(robot)
+    base = derive_base_parameters(robot)
     grouped = {p.name: p.expression for p in base.parameters if "IA" in p.expression}
     assert [name for name in grouped if name.startswith("ZZR")] == ["ZZR1", "ZZR2"]
     assert [name for name in grouped if name.startswith("IA")] == ["IA3", "IA4", "IA5", "IA6"]
@@ -213,7 +213,7 @@ def test_a_prismatic_link_adds_its_inertia_to_the_link_before():
     Frame 3 is frame 2 turned about x by 90 degrees: x3 = x2, y3 = z2, z3 = -y2.
     """
     rows = [(0.0, 0, 0, "q"), (PI / 2, "A2", 0, "q"), (PI / 2, "A3", "q", 0.0)]
-    expressions = {p.name: p.expression for p in find_base_parameters(build_chain(rows)).parameters}
+    expressions = {p.name: p.expression for p in derive_base_parameters(build_chain(rows)).parameters}
     assert expressions == {
         "ZZR1": "ZZ1 + YY2 + A2^2*M2 + ZZ3",
         "XXR2": "XX2 - YY2 + XX3 - ZZ3",
@@ -234,16 +234,16 @@ def test_textbook_count_of_a_chain_without_parallel_axes():
     """7 n - 6 parameters with a vertical first joint, 7 n - 4 else (Khalil and Dombre 2002)."""
     for size in (2, 3, 4):
         rows = [(0.0, 0, 0, "q"), *[(PI / 2, 0.1, 0.2, "q")] * (size - 1)]
-        assert find_base_parameters(build_chain(rows)).count == 7 * size - 6
-        assert find_base_parameters(build_chain(rows, gravity=LYING)).count == 7 * size - 4
+        assert derive_base_parameters(build_chain(rows)).count == 7 * size - 6
+        assert derive_base_parameters(build_chain(rows, gravity=LYING)).count == 7 * size - 4
 
 
 def test_the_names_of_symbols_do_not_matter():
     """Names that sort the other way round give the same set."""
     names = {"A2": "Z9", "D2": "Y8", "A3": "C1", "D3": "B0"}
     renamed = [tuple(names.get(entry, entry) for entry in row) for row in SPATIAL_3R]
-    left = find_base_parameters(build_chain(SPATIAL_3R)).parameters
-    right = find_base_parameters(build_chain(renamed)).parameters
+    left = derive_base_parameters(build_chain(SPATIAL_3R)).parameters
+    right = derive_base_parameters(build_chain(renamed)).parameters
     back = {new: Symbol(old) for old, new in names.items()}
     for one, other in zip(left, right, strict=True):
         assert one.label == other.label

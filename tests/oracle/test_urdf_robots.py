@@ -14,10 +14,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from symid.dynamics.base_parameters import derive_base_parameters
 from symid.errors import RobotError
-from symid.formats.urdf import read_urdf
-from symid.formats.urdf_writer import write_urdf
-from symid.parameters.base import find_base_parameters
+from symid.robot.urdf_reader import read_urdf
+from symid.robot.urdf_writer import write_urdf
 from tests.urdfs import (
     find_factors,
     find_largest_gap,
@@ -113,7 +113,7 @@ def test_count_is_the_rank_of_pinocchios_regressor(path, table):
         return
     robot = read_urdf(path)
     start = time.process_time()
-    count = find_base_parameters(robot).count
+    count = derive_base_parameters(robot).count
     seconds = time.process_time() - start
     model = pin.buildModelFromXML(write_urdf(robot))
     rng = np.random.default_rng(1)

@@ -2,16 +2,14 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from symid.data.readers import read_recording
-from symid.data.recording import Recording
-from symid.data.writers import write_recording
-from symid.robot.description import Joint, JointKind, Robot
+from symid.logs.files import write_recording
+from symid.logs.reader import read_recording
+from symid.logs.recording import Recording
+from symid.notation import UNITS, get_unit_factor
+from symid.robot.description import Joint, JointKind, LogMap, LogQuantity, Robot
 from symid.robot.geometry import IDENTITY
-from symid.robot.log_map import LogMap, LogQuantity
-from symid.units import UNITS, find_unit_factor
 
 NAMES = ["t", "q1", "q2", "q3", "tau1", "tau2", "tau3", "dq1", "dq2", "dq3", "extra"]
 WANTED = {"angle": "position", "angular velocity": "velocity", "torque": "torque", "time": "time"}
@@ -44,9 +42,9 @@ def test_the_order_of_columns_does_not_matter(folder, order, seed):
     assert list(recording.extras) == ["extra"]
 
 
-@pytest.mark.parametrize("unit", [unit for unit in UNITS if find_unit_factor(unit)[0] in WANTED])
+@pytest.mark.parametrize("unit", [unit for unit in UNITS if get_unit_factor(unit)[0] in WANTED])
 def test_every_unit_brings_the_same_quantity_to_si(folder, unit):
-    dimension, factor = find_unit_factor(unit)
+    dimension, factor = get_unit_factor(unit)
     t = np.arange(1.0, 9.0)
     truth = {"time": t, "position": np.sin(t), "velocity": np.cos(t), "torque": t**2}
     names = {"time": "t", "position": "q", "velocity": "dq", "torque": "tau"}

@@ -1,10 +1,9 @@
 """Whatever stands in a table of rows, the reader answers with a robot or with places of mistakes."""
 
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from symid.errors import RobotError
-from symid.formats.dh_table import parse_dh_table
+from symid.robot.dh_table import parse_dh_table
 
 CELLS = """
 0 | 0.1 | -1 | .5 | 1e-3 | 1e400 | nan | inf | pi/2 | -pi | q | q1 | q+0.1 | q-pi/2 | q- | L1 | 1/3 | 1/0 | "a

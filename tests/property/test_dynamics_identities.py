@@ -9,25 +9,22 @@ from fractions import Fraction
 
 import numpy as np
 import pinocchio as pin
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from symid.algebra.floats import FloatAlgebra, build_float_state
 from symid.codegen.casadi_functions import build_functions
-from symid.dynamics.composite import find_mass_matrix
-from symid.dynamics.drives import find_drive_energy, list_drive_parameters
-from symid.dynamics.energy import find_energy_rows
-from symid.dynamics.folding import fold_matrix, fold_vector
-from symid.dynamics.kinematics import build_recursion
-from symid.dynamics.newton_euler import find_inverse_dynamics
+from symid.dynamics.algebra import FloatAlgebra, build_float_state
+from symid.dynamics.base_parameters import build_standard_parameters, derive_base_parameters
+from symid.dynamics.bodies import compute_drive_energy, compute_mass_matrix, list_drive_parameters
+from symid.dynamics.newton_euler import compute_inverse_dynamics
+from symid.dynamics.recursion import build_recursion, fold_matrix, fold_vector
 from symid.dynamics.regressors import (
-    find_lagrange_columns,
-    find_momentum_columns,
-    find_slotine_li_columns,
-    find_torque_columns,
+    compute_energy_regressor,
+    compute_lagrange_columns,
+    compute_momentum_columns,
+    compute_slotine_li_columns,
+    compute_torque_columns,
 )
 from symid.notation import INERTIAL
-from symid.parameters.base import build_standard_parameters, find_base_parameters
 from symid.robot.description import Mimic
 from symid.robot.geometry import ONE, ZERO, Angle, Exact, Placement, compose_placements, rotate_z, translate
 from symid.robot.inertia import move_parameters
@@ -117,12 +114,12 @@ def measure_energy(case, q, dq):
     recursion = build(case.robot, q, dq, 0 * dq)
     kinetic = potential = 0.0
     for link, motion in enumerate(recursion.motions):
-        rows = find_energy_rows(recursion.algebra, motion)
+        rows = compute_energy_regressor(recursion.algebra, motion)
         kinetic = kinetic + np.dot(rows.kinetic, case.pi[link])
         potential = potential + np.dot(rows.potential, case.pi[link])
     for label, value in case.values.items():
         if label[1] not in INERTIAL:
-            parts = find_drive_energy(recursion, label)
+            parts = compute_drive_energy(recursion, label)
             kinetic, potential = kinetic + parts[0] * value, potential + parts[1] * value
     return kinetic, potential
 
@@ -141,22 +138,22 @@ def call(robot, *names):
 def test_regressor_newton_euler_and_pinocchio_give_the_same_torques(robot, seed):
     case = draw_case(robot, seed)
     recursion = build(robot, case.q, case.dq, case.ddq)
-    regressor = stack(case, find_torque_columns(recursion, case.keys))
+    regressor = stack(case, compute_torque_columns(recursion, case.keys))
     expected = find_torques(case)
     assert_close(regressor @ np.array(list(case.values.values())), expected)
-    torques = find_inverse_dynamics(recursion, case.values)
+    torques = compute_inverse_dynamics(recursion, case.values)
     assert_close(fold_vector(robot, recursion.algebra, torques), expected)
     oracle = regress(robot, case.q, case.dq, case.ddq, friction=False)
     assert_close(regressor, np.array([oracle[key] for key in case.keys]).T)
     reference = (recursion.state.velocity, recursion.state.acceleration)
-    assert_close(stack(case, find_slotine_li_columns(recursion, reference, case.keys)), regressor)
+    assert_close(stack(case, compute_slotine_li_columns(recursion, reference, case.keys)), regressor)
 
 
 @settings(max_examples=25, deadline=None)
 @given(robot=TREES, seed=SEEDS)
 def test_generated_functions_in_base_parameters_give_the_same_torques(robot, seed):
     case = draw_case(robot, seed)
-    base = find_base_parameters(robot)
+    base = derive_base_parameters(robot)
     beta, expected = group(case, base), find_torques(case)
     q, dq, ddq = case.q, case.dq, case.ddq
     functions = call(
@@ -182,7 +179,7 @@ def test_generated_functions_in_base_parameters_give_the_same_torques(robot, see
 def test_mass_matrix_is_symmetric_positive_definite_and_pinocchios(robot, seed):
     case = draw_case(robot, seed)
     recursion = build(robot, case.q, case.dq, case.ddq)
-    matrix = fold_matrix(robot, recursion.algebra, find_mass_matrix(recursion, case.values))
+    matrix = fold_matrix(robot, recursion.algebra, compute_mass_matrix(recursion, case.values))
     mass = np.array(matrix, dtype=float)
     np.testing.assert_array_equal(mass, mass.T)
     assert np.linalg.eigvalsh(mass).min() > 0
@@ -196,7 +193,7 @@ def test_mass_matrix_is_symmetric_positive_definite_and_pinocchios(robot, seed):
     units = np.eye(robot.freedom)
     expected = np.array([find_torques(dataclasses.replace(still, ddq=unit)) for unit in units]).T
     assert_close(mass, expected)
-    base = find_base_parameters(robot)
+    base = derive_base_parameters(robot)
     assert_close(call(robot, "mass_matrix")["mass_matrix"](case.q, group(case, base)), expected)
 
 
@@ -205,9 +202,9 @@ def test_mass_matrix_is_symmetric_positive_definite_and_pinocchios(robot, seed):
 def test_mass_rate_less_twice_coriolis_is_skew(robot, seed):
     case = draw_case(robot, seed)
     moving = build(robot, case.q + 1j * STEP * case.dq, case.dq, case.ddq)
-    matrix = np.array(fold_matrix(robot, moving.algebra, find_mass_matrix(moving, case.values)))
+    matrix = np.array(fold_matrix(robot, moving.algebra, compute_mass_matrix(moving, case.values)))
     rate = matrix.astype(complex).imag / STEP
-    beta = group(case, find_base_parameters(robot))
+    beta = group(case, derive_base_parameters(robot))
     functions = call(robot, "coriolis_matrix", "bias", "gravity")
     coriolis = np.array(functions["coriolis_matrix"](case.q, case.dq, beta))
     skew = rate - 2 * coriolis
@@ -232,7 +229,7 @@ def test_power_of_the_torques_is_the_change_of_the_energy(robot, seed):
 def test_energy_of_the_functions_is_that_of_links_drives_and_springs(robot, seed):
     """The kinetic energy itself, the potential energy up to a constant."""
     case = draw_case(robot, seed)
-    beta = group(case, find_base_parameters(robot))
+    beta = group(case, derive_base_parameters(robot))
     functions = call(robot, "energy", "energy_regressor")
     kinetic, potential = (float(value) for value in functions["energy"](case.q, case.dq, beta))
     expected = [float(value) for value in measure_energy(case, case.q, case.dq)]
@@ -251,15 +248,15 @@ def test_momentum_and_lagrange_regressors_make_the_torque(robot, seed):
     case = draw_case(robot, seed)
     values = np.array(list(case.values.values()))
     moving = build(robot, case.q + 1j * STEP * case.dq, case.dq + 1j * STEP * case.ddq, case.ddq)
-    momentum = stack(case, find_momentum_columns(moving, case.keys)).astype(complex)
+    momentum = stack(case, compute_momentum_columns(moving, case.keys)).astype(complex)
     recursion = build(robot, case.q, case.dq, case.ddq)
-    lagrange = stack(case, find_lagrange_columns(recursion, case.keys))
+    lagrange = stack(case, compute_lagrange_columns(recursion, case.keys))
     assert_close(momentum.imag @ values / STEP - lagrange @ values, find_torques(case))
     mass = np.array(
-        fold_matrix(robot, recursion.algebra, find_mass_matrix(recursion, case.values)), dtype=float
+        fold_matrix(robot, recursion.algebra, compute_mass_matrix(recursion, case.values)), dtype=float
     )
     assert_close(momentum.real @ values, mass @ case.dq)
-    beta = group(case, find_base_parameters(robot))
+    beta = group(case, derive_base_parameters(robot))
     functions = call(robot, "momentum_regressor", "lagrange_regressor")
     assert_close(np.array(functions["momentum_regressor"](case.q, case.dq)) @ beta, mass @ case.dq)
     assert_close(np.array(functions["lagrange_regressor"](case.q, case.dq)) @ beta, lagrange @ values)
@@ -269,7 +266,7 @@ def test_momentum_and_lagrange_regressors_make_the_torque(robot, seed):
 @given(robot=TREES, seed=SEEDS)
 def test_forward_dynamics_undoes_inverse_dynamics(robot, seed):
     case = draw_case(robot, seed)
-    beta = group(case, find_base_parameters(robot))
+    beta = group(case, derive_base_parameters(robot))
     forward = call(robot, "forward_dynamics")["forward_dynamics"]
     assert_close(forward(case.q, case.dq, find_torques(case), beta), case.ddq, 1e-7)
 
@@ -289,7 +286,7 @@ FRICTIONAL = trees(
 @given(robot=FRICTIONAL, seed=SEEDS)
 def test_friction_and_inertial_functions_make_up_all_torques(robot, seed):
     """Offsets may stand in a group of weights: the sum of both is what must be right."""
-    case, base = draw_case(robot, seed), find_base_parameters(robot)
+    case, base = draw_case(robot, seed), derive_base_parameters(robot)
     oracle = regress(robot, case.q, case.dq, case.ddq)
     rng = np.random.default_rng(seed)
     values = {label: case.values.get(label, rng.uniform(-2, 2)) for label in base.labels}
@@ -329,7 +326,7 @@ def test_functions_in_standard_parameters_take_them_one_by_one(robot, seed):
 @given(robot=TREES, seed=SEEDS)
 def test_derivatives_of_the_torques_are_those_by_complex_step(robot, seed):
     case = draw_case(robot, seed)
-    beta = group(case, find_base_parameters(robot))
+    beta = group(case, derive_base_parameters(robot))
     found = call(robot, "inverse_dynamics_derivatives")["inverse_dynamics_derivatives"](
         case.q, case.dq, case.ddq, beta
     )
@@ -338,7 +335,7 @@ def test_derivatives_of_the_torques_are_those_by_complex_step(robot, seed):
         for unit in 1j * STEP * np.eye(robot.freedom):
             state = [values + (unit if k == j else 0) for j, values in enumerate((case.q, case.dq, case.ddq))]
             recursion = build(robot, *state)
-            torques = find_inverse_dynamics(recursion, case.values)
+            torques = compute_inverse_dynamics(recursion, case.values)
             columns.append(
                 np.array(fold_vector(robot, recursion.algebra, torques), dtype=complex).imag / STEP
             )
@@ -391,7 +388,7 @@ def draw_order(robot, rng):
 
 def build_grouping(robot, labels):
     """Return K in numbers, friction included, with its columns in the order of `labels`."""
-    base = find_base_parameters(robot)
+    base = derive_base_parameters(robot)
     parameters = (*base.parameters, *base.friction)
     matrix = np.zeros((len(parameters), len(labels)))
     for row, parameter in enumerate(parameters):
@@ -420,9 +417,9 @@ def test_renumbering_joints_changes_nothing(robot, seed):
     values = {(links.index(old), name): value for (old, name), value in case.values.items()}
     free = [robot.coordinates.index(old) for old in order if old in robot.coordinates]
     recursion = build(other, case.q[free], case.dq[free], case.ddq[free])
-    torques = fold_vector(other, recursion.algebra, find_inverse_dynamics(recursion, values))
+    torques = fold_vector(other, recursion.algebra, compute_inverse_dynamics(recursion, values))
     assert_close(torques, find_torques(case)[free])
-    labels = list(find_base_parameters(other).labels)
+    labels = list(derive_base_parameters(other).labels)
     renamed = [(links[index], name) for index, name in labels]
     assert_same_span(build_grouping(other, labels), build_grouping(robot, renamed))
 
@@ -468,9 +465,9 @@ def test_reframing_links_changes_nothing(robot, moves, seed):
         moved = move_parameters(case.pi[link], rotation, translation)
         values |= {(link, name): value for name, value in zip(INERTIAL, moved, strict=True)}
     recursion = build(other, case.q, case.dq, case.ddq)
-    torques = fold_vector(other, recursion.algebra, find_inverse_dynamics(recursion, values))
+    torques = fold_vector(other, recursion.algebra, compute_inverse_dynamics(recursion, values))
     assert_close(torques, find_torques(case))
-    labels = list(find_base_parameters(robot).labels)
+    labels = list(derive_base_parameters(robot).labels)
     change = np.eye(len(labels))
     for link, (rotation, translation) in enumerate(back):
         columns = [labels.index((link, name)) for name in INERTIAL]
@@ -496,9 +493,9 @@ def test_turning_gravity_and_base_together_changes_nothing(robot, seed):
     )
     other = dataclasses.replace(robot, joints=joints, gravity=gravity)
     recursion = build(other, case.q, case.dq, case.ddq)
-    torques = fold_vector(other, recursion.algebra, find_inverse_dynamics(recursion, case.values))
+    torques = fold_vector(other, recursion.algebra, compute_inverse_dynamics(recursion, case.values))
     assert_close(torques, find_torques(case))
-    labels = list(find_base_parameters(robot).labels)
+    labels = list(derive_base_parameters(robot).labels)
     assert_same_span(build_grouping(other, labels), build_grouping(robot, labels))
 
 
@@ -506,7 +503,7 @@ def test_a_machine_of_parallel_slides_has_all_functions():
     """Hardly anything in its functions is a variable: the smallest programs there are."""
     for rows in ([(0.0, 0, "q", 0.0)] * 2, [(0.0, 0, 0, "q")] * 2):
         robot = build_chain(rows)
-        case, base = draw_case(robot, 1), find_base_parameters(robot)
+        case, base = draw_case(robot, 1), derive_base_parameters(robot)
         functions = {function.name(): function for function in build_functions(robot).functions}
         torque = functions["inverse_dynamics"](case.q, case.dq, case.ddq, group(case, base))
         assert_close(torque, find_torques(case))

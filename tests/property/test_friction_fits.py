@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from symid.friction.estimators import fit_friction
-from symid.friction.samples import FrictionSamples
-from symid.joint.friction_law import find_torque
-from symid.joint.friction_laws import FRICTION_LAWS, get_law
+from symid.identification.friction.estimators import fit_friction
+from symid.identification.friction.samples import FrictionSamples
+from symid.joint_models.friction_catalogue import FRICTION_LAWS, get_law
+from symid.joint_models.friction_law import compute_friction_torque
 from tests.frictions import build_cosines
 
 LAWS = ("coulomb-viscous", "stribeck", "tustin", "lorentzian", "improved-stribeck", "cubic", "asymmetric")
@@ -25,7 +24,9 @@ def draw(name, seed):
         rng.uniform(0.02, 0.05) if entry.name == "vs" else rng.uniform(0.005, 0.015) for entry in law.shape
     ]
     linear = rng.uniform(5.0, 20.0, len(law.linear))
-    torque = find_torque(law, {"velocity": velocity}, linear, shape) + 0.3 * rng.standard_normal(600)
+    torque = compute_friction_torque(law, {"velocity": velocity}, linear, shape) + 0.3 * rng.standard_normal(
+        600
+    )
     return build(velocity, torque), law
 
 

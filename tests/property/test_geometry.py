@@ -5,16 +5,15 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from symid.robot.geometry import (
     IDENTITY,
     ONE,
     ZERO,
     Exact,
+    build_exact_angle,
     compose_placements,
-    find_angle,
     place_modified_dh,
     rotate_x,
     rotate_z,
@@ -78,7 +77,7 @@ def test_numbers_read_as_they_should(value, text):
 
 @given(radians=st.floats(-20, 20))
 def test_angles_are_on_the_circle_and_close(radians):
-    angle = find_angle(radians)
+    angle = build_exact_angle(radians)
     assert angle.cosine * angle.cosine + angle.sine * angle.sine == ONE
     assert angle.cosine.to_float() == pytest.approx(math.cos(radians), abs=1.1e-5)
     assert angle.sine.to_float() == pytest.approx(math.sin(radians), abs=1.1e-5)
@@ -88,11 +87,11 @@ def test_angles_are_on_the_circle_and_close(radians):
 
 @pytest.mark.parametrize("k", range(-24, 25))
 def test_multiples_of_fifteen_degrees_are_exact(k):
-    angle = find_angle(k * math.pi / 12)
+    angle = build_exact_angle(k * math.pi / 12)
     assert angle.snapped_by == 0.0
     assert angle.cosine.to_float() == pytest.approx(math.cos(k * math.pi / 12), abs=1e-15)
     assert angle.sine.to_float() == pytest.approx(math.sin(k * math.pi / 12), abs=1e-15)
-    double = find_angle(2 * k * math.pi / 12)
+    double = build_exact_angle(2 * k * math.pi / 12)
     assert angle.cosine * angle.cosine - angle.sine * angle.sine == double.cosine
 
 
@@ -101,12 +100,12 @@ def test_multiples_of_fifteen_degrees_are_exact(k):
     [(1.5708, 1e-5, True), (1.5708, 0.0, False), (1.571, 1e-5, False), (0.7854, 1e-5, False)],
 )
 def test_only_right_angles_are_met_loosely(radians, snap, moved):
-    angle = find_angle(radians, snap=snap)
+    angle = build_exact_angle(radians, snap=snap)
     assert bool(angle.snapped_by) is moved
     assert (angle.cosine == ZERO) is moved
 
 
-ANGLES = st.floats(-4, 4).map(find_angle)
+ANGLES = st.floats(-4, 4).map(build_exact_angle)
 LENGTHS = st.decimals(-2, 2, places=3).map(lambda value: Exact.of(str(value)))
 
 

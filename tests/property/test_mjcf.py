@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 from hypothesis import given, settings
 
-from symid.formats.mjcf_writer import write_mjcf
 from symid.notation import INERTIAL
 from symid.robot.description import FrictionKind, Spring
+from symid.robot.mjcf_writer import write_mjcf
 from tests.chains import RATIONAL_ANGLES, draw_parameters, fold, regress, spread, trees
 from tests.mujocos import find_mujoco_torques
 

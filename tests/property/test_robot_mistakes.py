@@ -1,11 +1,10 @@
 """Whatever stands in the place of a value, the reader answers with a robot or with places of mistakes."""
 
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from symid.errors import RobotError
-from symid.formats.positions import find_places
-from symid.formats.toml import parse_robot
+from symid.robot.toml_reader import parse_robot
+from symid.robot.toml_values import locate_values
 
 TEXT = """name = "arm"
 description = "d"
@@ -57,7 +56,7 @@ torque = { columns = ["u"], unit = "V", factor = [2], side = "motor" }
 filter_cutoff = 50
 decimation = { factor = 10, band = 0.8 }
 """
-PLACES = find_places(TEXT)
+PLACES = locate_values(TEXT)
 # What a header opens cannot be replaced by a value.
 VALUES = sorted((place for path, place in PLACES.values.items() if f" = {place.text}" in TEXT), key=repr)
 ODD = """

@@ -2,10 +2,9 @@
 
 import tomllib
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from symid.formats.positions import find_places
+from symid.robot.toml_values import locate_values
 
 BARE_KEYS = st.from_regex(r"[A-Za-z0-9_-]{1,6}", fullmatch=True)
 QUOTED_KEYS = st.sampled_from(['"a.b"', "'c # d'", '"e\\"]f"', "'='", '"\\u00e9"', '""'])
@@ -92,7 +91,7 @@ def _walk(value, path=()):
 @given(DOCUMENTS)
 def test_every_value_stands_where_its_place_says(statements):
     text = _keep_valid(statements)
-    places = find_places(text)
+    places = locate_values(text)
     found = {path: value for path, value in _walk(tomllib.loads(text)) if path}
     assert set(places.values) == set(found)
     lines = text.split("\n")
@@ -108,7 +107,7 @@ def test_every_value_stands_where_its_place_says(statements):
 @given(DOCUMENTS)
 def test_every_key_stands_where_its_place_says(statements):
     text = _keep_valid(statements)
-    places = find_places(text)
+    places = locate_values(text)
     lines = text.split("\n")
     for path, _ in _walk(tomllib.loads(text)):
         if path and isinstance(path[-1], str):

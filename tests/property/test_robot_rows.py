@@ -3,10 +3,9 @@
 import math
 
 import numpy as np
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from symid.formats.toml import parse_robot
+from symid.robot.toml_reader import parse_robot
 
 ANGLES = st.one_of(
     st.integers(-24, 24).map(lambda k: (f'"{k}*pi/12"' if k >= 0 else f'"-{-k}*pi/12"', k * math.pi / 12)),

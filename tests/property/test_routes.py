@@ -9,16 +9,14 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 
-from symid.codegen.casadi_functions import build_functions
-from symid.codegen.catalogue import find_robot_specs, find_specs
-from symid.codegen.instructions import count_operations
-from symid.codegen.printing_c import print_c
-from symid.codegen.program import build_program
-from symid.codegen.python_module import generate_python_module
-from symid.codegen.routes import ROUTES, choose_route, find_route_counts
-from symid.codegen.springs import ElasticSizes
+from symid.codegen.casadi_functions import build_functions, read_sx_program
+from symid.codegen.catalogue import ElasticSizes, list_robot_specs, list_specs
+from symid.codegen.printing import print_c
+from symid.codegen.programs import count_operations
+from symid.codegen.python_targets import generate_python_module
+from symid.codegen.routes import ROUTES, choose_route, count_route_operations
+from symid.dynamics.base_parameters import derive_base_parameters
 from symid.notation import INERTIAL
-from symid.parameters.base import find_base_parameters
 from symid.robot.description import Drive, Mimic
 from tests.chains import (
     PANDA,
@@ -63,9 +61,9 @@ def assert_same(found, expected, tolerance, what):
 
 
 def check_routes(robot, seed):
-    base = find_base_parameters(robot)
+    base = derive_base_parameters(robot)
     inputs, _ = draw_inputs(robot, base, np.random.default_rng(seed))
-    for spec in find_robot_specs(robot, base):
+    for spec in list_robot_specs(robot, base):
         programs = build_route_programs(robot, base, spec)
         (first, reference), *others = [(name, run_program(p, inputs)) for name, p in programs.items()]
         tolerance = 1e-7 if spec.name in SOLVED else 1e-11
@@ -95,7 +93,7 @@ def test_all_routes_agree_on_known_robots(robot):
 @settings(max_examples=25, deadline=None)
 @given(robot=trees(most=5))
 def test_all_routes_equal_pinocchio(robot):
-    base = find_base_parameters(robot)
+    base = derive_base_parameters(robot)
     inputs, links = draw_inputs(robot, base, np.random.default_rng(6))
     model = build_pinocchio(robot, links)
     data = model.createData()
@@ -109,7 +107,7 @@ def test_all_routes_equal_pinocchio(robot):
         "bias": pin.nonLinearEffects(model, data, q, dq),
         "inverse_dynamics": pin.rnea(model, data, q, dq, ddq),
     }
-    for spec in find_robot_specs(robot, base):
+    for spec in list_robot_specs(robot, base):
         if spec.name in expected:
             for name, program in build_route_programs(robot, base, spec).items():
                 (found,) = run_program(program, inputs)
@@ -117,9 +115,9 @@ def test_all_routes_equal_pinocchio(robot):
 
 
 def test_the_route_with_the_fewest_operations_is_emitted():
-    counts = find_route_counts(PUMA560)
-    base = find_base_parameters(PUMA560)
-    for spec in find_robot_specs(PUMA560, base):
+    counts = count_route_operations(PUMA560)
+    base = derive_base_parameters(PUMA560)
+    for spec in list_robot_specs(PUMA560, base):
         routes = [count for count in counts if count.function == spec.name]
         assert [count.route for count in routes] == list(ROUTES[spec.name])
         (chosen,) = [count for count in routes if count.chosen]
@@ -138,7 +136,7 @@ def count_written(program):
 @settings(max_examples=15, deadline=None)
 @given(robot=trees(most=4, rotors=True, friction=True, followers=True, couplings=True, springs=True))
 def test_what_is_emitted_has_the_counts_of_the_chosen_routes(robot):
-    chosen = {count.function: count.operations for count in find_route_counts(robot) if count.chosen}
+    chosen = {count.function: count.operations for count in count_route_operations(robot) if count.chosen}
     made = build_functions(robot)
     assert {program.spec.name: count_operations(program) for program in made.programs} == chosen
     for program in made.programs:
@@ -154,11 +152,11 @@ def test_generated_code_says_the_counts_of_the_chosen_routes():
     robot = dataclasses.replace(PUMA560, joints=joints)
     functions = build_functions(robot)
     sources = generate_python_module(functions)
-    chosen = {count.function: count.operations for count in find_route_counts(robot) if count.chosen}
+    chosen = {count.function: count.operations for count in count_route_operations(robot) if count.chosen}
     said = json.loads(sources.manifest)["operations"]
     # CasADi's own folding gives other counts.
     held = zip(functions.functions, functions.card.functions, strict=True)
-    assert any(count_operations(build_program(f, spec)) != chosen[spec.name] for f, spec in held)
+    assert any(count_operations(read_sx_program(f, spec)) != chosen[spec.name] for f, spec in held)
     assert said == {name: dataclasses.asdict(count) for name, count in chosen.items()}
 
 
@@ -169,8 +167,8 @@ def test_a_rotor_costs_one_product_and_one_sum_at_most():
     )
 
     def count(robot):
-        base = find_base_parameters(robot)
-        (spec,) = [spec for spec in find_robot_specs(robot, base) if spec.name == "inverse_dynamics"]
+        base = derive_base_parameters(robot)
+        (spec,) = [spec for spec in list_robot_specs(robot, base) if spec.name == "inverse_dynamics"]
         (chosen,) = [count for count in choose_route(robot, base, spec).counts if count.chosen]
         return base.count, chosen.operations
 
@@ -181,6 +179,6 @@ def test_a_rotor_costs_one_product_and_one_sum_at_most():
 
 def test_every_function_of_the_catalogue_has_a_route():
     assert list(ROUTES) == [
-        spec.name for spec in find_specs(1, 1, 1, elastic=ElasticSizes(stops=1, springs=3))
+        spec.name for spec in list_specs(1, 1, 1, elastic=ElasticSizes(stops=1, springs=3))
     ]
     assert len(SEVERAL) > 8

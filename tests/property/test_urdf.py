@@ -4,13 +4,12 @@ import dataclasses
 
 import numpy as np
 import pinocchio as pin
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from symid.errors import RobotError
-from symid.formats.urdf import parse_urdf
-from symid.formats.urdf_writer import write_urdf
 from symid.robot.description import JointKind
+from symid.robot.urdf_reader import parse_urdf
+from symid.robot.urdf_writer import write_urdf
 from tests.chains import build_pinocchio, draw_parameters, trees
 from tests.unit.formats.test_urdf import ARM
 from tests.urdfs import draw_urdf, find_factors, find_largest_gap, find_positions, find_torques

@@ -4,25 +4,25 @@ import dataclasses
 from fractions import Fraction
 
 import numpy as np
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from symid.formats.joint_friction import FRICTION_PARAMETERS, FRICTION_SHAPES
-from symid.formats.toml import parse_robot
-from symid.formats.writer import write_robot
 from symid.robot.description import (
     Coupling,
     CurvedFriction,
+    Decimation,
     Drive,
     FrictionKind,
     FrictionValues,
     Joint,
     JointKind,
     Limits,
-    LinkForm,
+    LogMap,
+    LogQuantity,
     Mimic,
+    Processing,
     Robot,
     Spring,
+    SymbolicInertia,
 )
 from symid.robot.elasticity import Elasticity, Knee, Stop
 from symid.robot.geometry import (
@@ -30,32 +30,32 @@ from symid.robot.geometry import (
     ZERO,
     Exact,
     Placement,
+    build_exact_angle,
+    build_tangent_angle,
     compose_placements,
-    find_angle,
+    compute_quaternion,
+    compute_rotation,
+    compute_rpy,
+    rotate_rpy,
     rotate_x,
+    rotate_y,
     rotate_z,
     translate,
 )
-from symid.robot.log_map import Decimation, LogMap, LogQuantity, Processing
-from symid.robot.rotations import (
-    find_quaternion,
-    find_rotation,
-    find_rpy,
-    find_tangent_angle,
-    rotate_rpy,
-    rotate_y,
-)
+from symid.robot.toml_friction import FRICTION_PARAMETERS, FRICTION_SHAPES
+from symid.robot.toml_reader import parse_robot
+from symid.robot.toml_writer import write_robot
 
 FRACTIONS = st.fractions(-3, 3, max_denominator=1000)
 NUMBERS = st.floats(-100, 100, allow_nan=False).filter(lambda x: x == 0 or abs(x) > 1e-20)
 POSITIVE = st.floats(1e-6, 1e3)
 SURDS = st.builds(Exact.surd, FRACTIONS, FRACTIONS, FRACTIONS, FRACTIONS)
 ANGLES = st.one_of(
-    st.integers(-12, 12).map(lambda k: find_angle(k * np.pi / 12)),
-    st.floats(-3.1, 3.1).map(find_angle),
+    st.integers(-12, 12).map(lambda k: build_exact_angle(k * np.pi / 12)),
+    st.floats(-3.1, 3.1).map(build_exact_angle),
     # Within the distance that is snapped when it is written as a decimal.
-    st.floats(-1e-6, 1e-6).map(lambda x: find_angle(x, snap=0.0)),
-    st.fractions(-50, 50, max_denominator=10**12).map(lambda t: find_tangent_angle(Exact.of(t))),
+    st.floats(-1e-6, 1e-6).map(lambda x: build_exact_angle(x, snap=0.0)),
+    st.fractions(-50, 50, max_denominator=10**12).map(lambda t: build_tangent_angle(Exact.of(t))),
 )
 LENGTHS = st.one_of(
     st.decimals(-2, 2, places=5).map(lambda x: Exact.of(str(x))),
@@ -83,13 +83,13 @@ def placements(draw):
 
 @given(TURNS)
 def test_every_rotation_has_a_quaternion(turn):
-    assert find_rotation(find_quaternion(turn.rotation)) == turn.rotation
+    assert compute_rotation(compute_quaternion(turn.rotation)) == turn.rotation
 
 
 @given(st.tuples(ANGLES, ANGLES, ANGLES))
 def test_roll_pitch_and_yaw_are_found_where_they_were(angles):
     turn = rotate_rpy(*angles)
-    found = find_rpy(turn.rotation)
+    found = compute_rpy(turn.rotation)
     assert found is not None
     assert rotate_rpy(*found).rotation == turn.rotation
 
@@ -239,7 +239,7 @@ def test_rows_stay_rows(rows, standard):
 
 def test_symbols_of_links_and_settings_are_written():
     zero = Exact()
-    form = LinkForm(
+    form = SymbolicInertia(
         mass=Exact.symbol("m1"),
         com=(Exact.symbol("lc1"), zero, -Exact.symbol("lc1")),
         inertia=(Exact.symbol("I1"), zero, zero, Exact.symbol("I1"), zero, Exact.of(Fraction(1, 3))),
@@ -265,7 +265,9 @@ def test_values_that_no_body_has_are_written_as_they_are():
     impossible = dataclasses.replace(
         weightless, name="b", parent=0, inertial=(3.0, 0, 0, 1, 0, 1, 0, 0, 0, 1.0)
     )
-    turn = compose_placements(rotate_x(find_angle(0.3)), translate(Exact.of("0.1"), ZERO, Exact.of("-0.2")))
+    turn = compose_placements(
+        rotate_x(build_exact_angle(0.3)), translate(Exact.of("0.1"), ZERO, Exact.of("-0.2"))
+    )
     framed = dataclasses.replace(impossible, name="d", parent=2, frame=turn)
     joints = (weightless, impossible, nothing, framed)
     again = parse_robot(write_robot(Robot(name="1 arm!", joints=joints)))

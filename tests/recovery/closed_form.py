@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from symid.codegen.catalogue import find_specs
+from symid.codegen.catalogue import list_specs
 from symid.codegen.functions import JointCard, ModelCard, ParameterCard
-from symid.data.recording import Recording, Signals
+from symid.logs.recording import Recording, Signals
 
 L, G = 0.5, 9.81
 ONE_AXIS_TRUTH = np.array([95.0, 203.0, 20.0, -3.0])
@@ -188,5 +188,5 @@ def _build_card(robot, names, units, *, kind, joints, truth):
         joints=cards,
         beta=beta,
         friction=friction,
-        functions=find_specs(joints, len(beta), len(friction)),
+        functions=list_specs(joints, len(beta), len(friction)),
     )

@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from symid.dynamics.pseudo_inertia import build_pseudo_inertias, compute_standard_parameters
 from symid.notation import INERTIAL
-from symid.parameters.consistency_prior import build_pseudo_inertias, find_parameters
 
 UNITS = build_pseudo_inertias(np.eye(len(INERTIAL)))
 LOWER = [(i, j) for i in range(4) for j in range(i + 1)]
@@ -37,7 +37,7 @@ class Program:
     def __init__(self, triangle, bodies, roots, units, extra):
         """Take F (k, p + 1), bodies, L (n, 4, 4), units of what is positive (a,), number of more unknowns."""
         self.roots, self.units = roots, units
-        pi = np.array([find_parameters(root @ UNITS @ root.T) for root in roots])
+        pi = np.array([compute_standard_parameters(root @ UNITS @ root.T) for root in roots])
         links = np.einsum("pnk,njk->pnj", bodies.links, pi).reshape(len(bodies.names), -1)
         loose = np.hstack([bodies.bounded, bodies.free])
         lengths = np.linalg.norm(triangle[:, :-1] @ loose, axis=0)

@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 
 from symid.codegen.cache import prepare_library
-from symid.elastic.options import ElasticOptions
-from symid.elastic.problem import build_problem
-from symid.elastic.signals import prepare_elastic_signals
-from symid.excitation.trajectories import build_scaled, build_ta
-from symid.formats.toml import read_robot
-from symid.simulation.elastic_experiment import simulate_elastic
-from symid.simulation.elastic_options import build_clean_options, build_noisy_options
+from symid.excitation.trajectories import build_ta, scale_trajectory
+from symid.identification.elastic.options import ElasticOptions
+from symid.identification.elastic.problem import build_elastic_problem
+from symid.identification.elastic.regression import prepare_elastic_signals
+from symid.robot.toml_reader import read_robot
+from symid.simulation.elastic_experiment import build_clean_options, build_noisy_options, simulate_elastic
 
 STOPS = ((0.002, 0.005, 0.010), (0.003, 0.008, 0.016))
 KNEES = ((-3.0, 3.0), (-1.2, 1.2))
@@ -36,7 +35,7 @@ def prepare_arm(robots_folder, *, knees=True, springs=None):
 def run_arm(robot, library, *, scale=10.0, duration=8.0, noisy=False, seed=0, **changes):
     options = replace(build_noisy_options() if noisy else build_clean_options(), duration=duration, **changes)
     return simulate_elastic(
-        robot, library, build_scaled(build_ta(), scale), options, np.random.default_rng(seed)
+        robot, library, scale_trajectory(build_ta(), scale), options, np.random.default_rng(seed)
     )
 
 
@@ -51,4 +50,6 @@ def find_error(chi, truth):
 
 
 def build(library, recordings, options):
-    return build_problem(library, [prepare_elastic_signals(part, options) for part in recordings], options)
+    return build_elastic_problem(
+        library, [prepare_elastic_signals(part, options) for part in recordings], options
+    )

@@ -5,12 +5,12 @@ import pytest
 
 from symid.codegen.cache import prepare_library
 from symid.codegen.plant_code import has_addresses
-from symid.data.recording import Recording
-from symid.elastic.methods import build_work, fit_method
-from symid.elastic.options import ElasticOptions
-from symid.formats.toml import read_robot
-from symid.identification.identify import identify_parameters
-from symid.robot.log_map import Processing
+from symid.identification.elastic.methods import build_elastic_equations, fit_method
+from symid.identification.elastic.options import ElasticOptions
+from symid.identification.rigid.fit import identify_parameters
+from symid.logs.recording import Recording
+from symid.robot.description import Processing
+from symid.robot.toml_reader import read_robot
 from tests.recovery.closed_form import sample_states
 from tests.recovery.elastic_runs import find_error, find_truth, prepare_arm, run_arm
 
@@ -68,7 +68,7 @@ def elastic(robots_folder, c_compiler):
 
 
 def fit(library, recording, method):
-    return fit_method(build_work(library, [recording], ElasticOptions()), method)
+    return fit_method(build_elastic_equations(library, [recording], ElasticOptions()), method)
 
 
 @pytest.mark.parametrize("backend", OTHERS)

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from symid.codegen.cache import prepare_library
-from symid.formats.toml import read_robot
+from symid.robot.toml_reader import read_robot
 
 SCRIPT = """
 import json, sys
@@ -23,13 +23,13 @@ class Block:
 sys.meta_path.insert(0, Block())
 import numpy as np
 from symid.codegen.cache import prepare_library
-from symid.data.recording import Recording
-from symid.identification.identify import identify_parameters
-from symid.identification.storage import write_estimate
-from symid.identification.validate import validate_estimate
-from symid.report.identification import write_report
-from symid.robot.log_map import Processing
-from symid.formats.toml import read_robot
+from symid.logs.recording import Recording
+from symid.identification.rigid.fit import identify_parameters
+from symid.identification.rigid.storage import write_estimate
+from symid.identification.rigid.validation import validate_estimate
+from symid.report.identification_page import write_report
+from symid.robot.description import Processing
+from symid.robot.toml_reader import read_robot
 from tests.recovery.closed_form import sample_states
 
 library = prepare_library(read_robot(Path(sys.argv[1])))

@@ -4,24 +4,22 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from symid.codegen.cache import prepare_library
-from symid.data.readers import read_recording
+from symid.dynamics.pseudo_inertia import PSEUDO_INERTIA_FORMS, build_pseudo_inertias
 from symid.errors import SolverError
-from symid.estimators import consistent, consistent_newton
-from symid.estimators.bodies import build_bodies
-from symid.estimators.consistent import fit_consistent, solve_consistent
-from symid.estimators.consistent_cost import LOOSE, build_cost
-from symid.estimators.estimators import EstimatorOptions
-from symid.estimators.regression import fit_wls
-from symid.formats.toml import read_robot
-from symid.identification.identify import identify_parameters
+from symid.identification.estimators import consistent, consistent as consistent_newton
+from symid.identification.estimators.consistent import fit_consistent, solve_consistent
+from symid.identification.estimators.consistent_problem import LOOSE, build_bodies, build_cost
+from symid.identification.estimators.least_squares import fit_wls
+from symid.identification.estimators.linear_estimators import EstimatorOptions
+from symid.identification.regression.equations import Rows
+from symid.identification.regression.identifiability import analyse_identifiability
+from symid.identification.rigid.fit import identify_parameters
+from symid.logs.reader import read_recording
 from symid.notation import INERTIAL
-from symid.parameters.consistency_prior import FORMS, build_pseudo_inertias
-from symid.rows.identifiability import find_identifiability
-from symid.rows.rows import Rows
+from symid.robot.toml_reader import read_robot
 from tests.chains import draw_parameters
 from tests.recovery.cone_programs import solve_closed_cone, solve_with_distance
 
@@ -65,7 +63,7 @@ def find_smallest(fit):
 def test_bodies_that_fit_cost_nothing(bodies):
     truth = draw_truth(bodies, 1)
     rows = make_rows(bodies, truth, 1e-3)
-    seen = find_identifiability(rows)
+    seen = analyse_identifiability(rows)
     fit, free = fit_consistent(rows, seen, bodies=bodies), fit_wls(rows, seen)
     deviations = np.sqrt(np.diag(free.covariance))
     assert np.abs((fit.values - free.values) / deviations).max() < 0.3
@@ -80,7 +78,7 @@ def test_values_that_no_bodies_have_are_brought_back_at_a_price(bodies, seed):
     truth = draw_truth(bodies, seed)
     truth[bodies.names.index("ZZ2")] *= -0.5
     rows = make_rows(bodies, truth, 0.05, seed)
-    seen = find_identifiability(rows)
+    seen = analyse_identifiability(rows)
     fit, free = fit_consistent(rows, seen, bodies=bodies), fit_wls(rows, seen)
     dear = bool(fit.report["price_percent"] > 5.0)
     assert [notice.code for notice in fit.notices] == ["identify.price"] * dear
@@ -96,7 +94,7 @@ def test_a_log_at_odds_with_all_bodies_is_told(bodies):
     truth = draw_truth(bodies, 1)
     truth[bodies.names.index("ZZ2")] *= -5.0
     rows = make_rows(bodies, truth, 0.01)
-    fit = fit_consistent(rows, find_identifiability(rows), bodies=bodies)
+    fit = fit_consistent(rows, analyse_identifiability(rows), bodies=bodies)
     (notice,) = fit.notices
     assert notice.code == "identify.price"
     assert f"leave {fit.report['price_percent']:.3g} % more" in notice.text
@@ -106,7 +104,7 @@ def test_friction_never_drives(bodies):
     truth = draw_truth(bodies, 2)
     truth[bodies.names.index("Fc1")] = -0.3
     rows = make_rows(bodies, truth, 0.05)
-    fit = fit_consistent(rows, find_identifiability(rows), bodies=bodies)
+    fit = fit_consistent(rows, analyse_identifiability(rows), bodies=bodies)
     assert -1e-9 < fit.values[bodies.names.index("Fc1")] < 1e-3
 
 
@@ -130,7 +128,7 @@ def test_a_far_start_ends_at_the_same_bodies(bodies):
     truth = draw_truth(bodies, 4)
     truth[bodies.names.index("ZZ2")] *= -0.5
     rows = make_rows(bodies, truth, 0.05)
-    free = fit_wls(rows, find_identifiability(rows))
+    free = fit_wls(rows, analyse_identifiability(rows))
     triangle = np.linalg.qr(np.column_stack([rows.matrix, rows.values]), mode="r") / 0.05
     near = solve_consistent(triangle, free.values, bodies)
     far = solve_consistent(triangle, free.values, bodies, start=np.zeros(len(near.unknowns)))
@@ -179,7 +177,7 @@ def contradicted(bodies):
     truth = draw_truth(bodies, 5)
     truth[bodies.names.index("ZZ2")] *= -0.5
     rows = make_rows(bodies, truth, 0.05)
-    free = fit_wls(rows, find_identifiability(rows))
+    free = fit_wls(rows, analyse_identifiability(rows))
     return rows, free, scale_triangle(rows, free)
 
 
@@ -210,7 +208,7 @@ def test_the_price_is_that_of_a_program_over_matrix_inequalities(bodies, contrad
     """
     pytest.importorskip("clarabel", reason="wants clarabel: pip install clarabel")
     rows, _, triangle = contradicted
-    seen = find_identifiability(rows)
+    seen = analyse_identifiability(rows)
 
     def find_residual(values):
         return np.linalg.norm(triangle @ np.append(values, -1.0))
@@ -232,7 +230,9 @@ def test_the_price_is_that_of_a_program_over_matrix_inequalities(bodies, contrad
     assert found[0] < best * (1.0 + 2e-4)
     monkeypatch.undo()
     assert best < find_residual(fit_consistent(rows, seen, bodies=bodies).values) < best * 1.02
-    assert np.allclose(np.einsum("kab,nab->nk", FORMS, build_pseudo_inertias(np.eye(10))), np.eye(10))
+    assert np.allclose(
+        np.einsum("kab,nab->nk", PSEUDO_INERTIA_FORMS, build_pseudo_inertias(np.eye(10))), np.eye(10)
+    )
 
 
 def make_driven_rows(bodies):
@@ -247,14 +247,14 @@ def test_an_optimum_that_is_not_reached_is_an_error(bodies, monkeypatch):
     monkeypatch.setattr(consistent_newton, "_LIMIT", 5)
     rows = make_driven_rows(bodies)
     with pytest.raises(SolverError) as caught:
-        fit_consistent(rows, find_identifiability(rows), bodies=bodies)
+        fit_consistent(rows, analyse_identifiability(rows), bodies=bodies)
     assert caught.value.notices[0].code == "solver.consistent"
 
 
 def test_bodies_that_ipopt_does_not_confirm_are_vouched_for(bodies, monkeypatch):
     """Ipopt stopped at its start: the bodies stand by Newton's decrement, and the result says so."""
     rows = make_driven_rows(bodies)
-    seen = find_identifiability(rows)
+    seen = analyse_identifiability(rows)
     whole = fit_consistent(rows, seen, bodies=bodies)
     monkeypatch.setattr(consistent, "_LIMIT", 0)
     alone = fit_consistent(rows, seen, bodies=bodies)
@@ -273,7 +273,7 @@ def test_about_its_optimum_the_cost_bends_by_its_weight_at_least(robots_folder):
     truth = np.einsum("pnk,nk->p", bodies.links, bodies.stated) + bodies.positive @ np.full(7, -0.2)
     triangle = np.column_stack([np.eye(len(truth)), truth])
     cost = build_cost(triangle, truth, bodies, 0.3)
-    found = consistent_newton.find_bodies(cost, cost.centre)
+    found = consistent_newton.optimise_bodies(cost, cost.centre)
     near = cost.recentre(found.factors, found.rotors)
     z = np.append(np.zeros(67), found.others)
     start = cost.join(found.factors, found.rotors, found.others)
@@ -294,7 +294,7 @@ def test_rotors_stay_positive(robots_folder):
     assert len(bodies.positive_names) == 7
     truth = np.einsum("pnk,nk->p", bodies.links, bodies.stated) + bodies.positive @ np.full(7, -0.2)
     rows = make_rows(dataclasses.replace(bodies), truth, 0.05)
-    fit = fit_consistent(rows, find_identifiability(rows), bodies=bodies)
+    fit = fit_consistent(rows, analyse_identifiability(rows), bodies=bodies)
     assert fit.report["eigenvalue"] > 0.0
     assert fit.report["price_percent"] > 0.0
 

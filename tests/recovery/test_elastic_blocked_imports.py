@@ -22,10 +22,10 @@ class Block:
 sys.meta_path.insert(0, Block())
 import numpy as np
 from symid.codegen.cache import prepare_library
-from symid.data.recording import Recording
-from symid.elastic.identify import identify_elastic
-from symid.elastic.storage import read_elastic_estimate, write_elastic_estimate
-from symid.formats.toml import read_robot
+from symid.logs.recording import Recording
+from symid.identification.elastic.identify import identify_elastic
+from symid.identification.elastic.estimate import read_elastic_estimate, write_elastic_estimate
+from symid.robot.toml_reader import read_robot
 
 library = prepare_library(read_robot(Path(sys.argv[1])))
 data = np.load(sys.argv[2])

@@ -7,31 +7,42 @@ import numpy as np
 import pytest
 
 from symid.codegen.cache import prepare_library
-from symid.data.recording import Recording
-from symid.elastic.band import find_wide_cutoff
-from symid.elastic.choice import FOLDS
-from symid.elastic.covariance import find_bound
-from symid.elastic.doubts import warn_of_fit
-from symid.elastic.identify import identify_elastic
-from symid.elastic.methods import build_work, find_candidate, fit_method
-from symid.elastic.options import ElasticOptions
-from symid.elastic.selection import CANDIDATES, choose_fit
-from symid.elastic.signals import prepare_elastic_signals
-from symid.elastic.storage import is_elastic_estimate, read_elastic_estimate, write_elastic_estimate
 from symid.errors import EstimateError, IdentifiabilityError, LogError, UsageError
 from symid.excitation.trajectories import (
     FourierOptions,
     build_random_fourier,
-    build_scaled,
     build_ta,
     build_tb,
+    scale_trajectory,
 )
-from symid.formats.toml import read_robot
-from symid.joint.plays import find_hysteresis_torque
+from symid.identification.elastic.elimination import get_wide_cutoff
+from symid.identification.elastic.estimate import (
+    is_elastic_estimate,
+    read_elastic_estimate,
+    write_elastic_estimate,
+)
+from symid.identification.elastic.identify import identify_elastic, warn_of_fit
+from symid.identification.elastic.methods import (
+    AUTOMATIC_METHODS,
+    FOLDS,
+    build_candidate,
+    build_elastic_equations,
+    choose_fit,
+    fit_method,
+)
+from symid.identification.elastic.options import ElasticOptions
+from symid.identification.elastic.regression import prepare_elastic_signals
+from symid.identification.elastic.uncertainty import compute_elimination_bound
+from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque
+from symid.logs.recording import Recording
 from symid.robot.elasticity import Elasticity
-from symid.simulation.elastic_experiment import simulate_elastic
-from symid.simulation.elastic_options import build_clean_options, build_noisy_options
-from symid.simulation.elastic_run import observe
+from symid.robot.toml_reader import read_robot
+from symid.simulation.elastic_experiment import (
+    build_clean_options,
+    build_noisy_options,
+    observe,
+    simulate_elastic,
+)
 from tests.recovery.elastic_runs import find_error, find_truth, prepare_arm, run_arm
 
 
@@ -56,7 +67,7 @@ def values(estimate):
 
 def test_the_choice_from_noisy_data_alone_is_good(arm, run, estimate):
     truth = find_truth(arm[1])
-    assert {trial.method for trial in estimate.trials} == set(CANDIDATES)
+    assert {trial.method for trial in estimate.trials} == set(AUTOMATIC_METHODS)
     errors = {trial.method: find_error(np.array(trial.values), truth) for trial in estimate.trials}
     assert find_error(values(estimate), truth) == errors[estimate.method]
     assert errors[estimate.method] < 0.02
@@ -65,7 +76,7 @@ def test_the_choice_from_noisy_data_alone_is_good(arm, run, estimate):
     assert chosen.error < 1.01 * min(trial.error for trial in estimate.trials)
     assert estimate.method in estimate.reason
     for joint, spring in enumerate(estimate.springs):
-        found = find_hysteresis_torque(spring.elasticity, run.phi[:, joint])
+        found = compute_hysteresis_torque(spring.elasticity, run.phi[:, joint])
         error = np.linalg.norm(found - run.joint_torque[:, joint]) / np.linalg.norm(
             run.joint_torque[:, joint]
         )
@@ -83,13 +94,13 @@ def test_deviations_cover_the_truth_and_are_not_below_the_bound(arm, run):
     exact = replace(run.recording, position=run.q, motor_position=run.theta, torque=run.torque)
     signals = prepare_elastic_signals(exact, ElasticOptions(cutoff=0.0))
     noise = 0.02 * np.sqrt(np.mean(run.torque**2, axis=0))
-    bound = np.sqrt(np.diag(find_bound(arm[1], [signals], [noise])))
+    bound = np.sqrt(np.diag(compute_elimination_bound(arm[1], [signals], [noise])))
     assert np.all(deviations > 0.9 * bound)
     assert np.all(deviations < 10.0 * bound)
 
 
 def test_a_one_shot_fit_that_contradicts_the_motions_is_not_taken(arm, run):
-    work = build_work(arm[1], (run.recording,), ElasticOptions())
+    work = build_elastic_equations(arm[1], (run.recording,), ElasticOptions())
     fits = [fit_method(work, method) for method in ("elimination", "nlp")]
     agreed = choose_fit(work, fits)
     assert agreed.notices == ()
@@ -110,7 +121,7 @@ def test_the_deviations_of_the_one_shot_problem_are_those_of_repeated_runs(arm, 
     for seed in range(4):
         sensors = build_noisy_options().sensors
         log = observe(run, sensors, np.random.default_rng(seed))
-        fit = fit_method(build_work(arm[1], (log,), ElasticOptions()), "nlp")
+        fit = fit_method(build_elastic_equations(arm[1], (log,), ElasticOptions()), "nlp")
         scores.append((fit.chi - truth)[known] / np.sqrt(np.diag(fit.covariance))[known])
     assert 0.3 < np.sqrt(np.mean(np.square(scores))) < 2.5
 
@@ -126,7 +137,7 @@ def test_the_bound_is_that_of_torque_rows_with_true_accelerations(arm, run):
     rows = np.concatenate([link, ddtheta[:, :, None] * np.eye(2), friction], axis=2) / noise[:, None]
     rows = rows.reshape(-1, rows.shape[2])
     expected = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
-    found = np.sqrt(np.diag(find_bound(library, [signals], [noise])))
+    found = np.sqrt(np.diag(compute_elimination_bound(library, [signals], [noise])))
     assert np.allclose(found, expected, rtol=1e-3)
 
 
@@ -394,7 +405,7 @@ def test_energy_rows_of_many_joints_are_warned_of(robots_folder):
 
 def test_rows_that_begin_before_stops_have_settled_are_said(arm):
     """Motion that grows: the largest torsion comes last, long after a quarter of the log."""
-    growing = replace(build_scaled(build_ta(), 3.0), decay=np.full(2, -0.2))
+    growing = replace(scale_trajectory(build_ta(), 3.0), decay=np.full(2, -0.2))
     options = replace(build_clean_options(), duration=12.0)
     late = simulate_elastic(*arm, growing, options, np.random.default_rng(0))
     found = identify_elastic(arm[1], [late.recording], ElasticOptions(method="weighted"))
@@ -405,7 +416,7 @@ def test_rows_that_begin_before_stops_have_settled_are_said(arm):
 
 
 def test_a_spring_without_stiffness_beyond_its_stops_is_said(arm, run):
-    work = build_work(arm[1], (run.recording,), ElasticOptions())
+    work = build_elastic_equations(arm[1], (run.recording,), ElasticOptions())
     fit = fit_method(work, "weighted")
     codes = {notice.code for notice in warn_of_fit(work, fit, 10.0)}
     assert "elastic.no-stiffness" not in codes
@@ -417,9 +428,9 @@ def test_a_spring_without_stiffness_beyond_its_stops_is_said(arm, run):
 
 
 def test_the_one_shot_fit_is_moved_by_the_rows_that_it_has_to_foretell(arm, run):
-    work = build_work(arm[1], (run.recording,), ElasticOptions())
+    work = build_elastic_equations(arm[1], (run.recording,), ElasticOptions())
     fit = fit_method(work, "nlp")
-    candidate = find_candidate(work, fit)
+    candidate = build_candidate(work, fit)
     deviations = np.sqrt(np.diag(fit.covariance))
     for fold in range(FOLDS):
         moved = np.abs(candidate.refit(fold) - fit.chi)
@@ -435,8 +446,8 @@ def test_recordings_of_other_sample_rates_have_cutoffs_of_their_own(arm, run):
         motor_position=whole.motor_position[::10],
         torque=whole.torque[::10],
     )
-    work = build_work(arm[1], (whole, slow), ElasticOptions(cutoff=10.0))
-    expected = [find_wide_cutoff(part.period) for part in (whole, slow)]
+    work = build_elastic_equations(arm[1], (whole, slow), ElasticOptions(cutoff=10.0))
+    expected = [get_wide_cutoff(part.period) for part in (whole, slow)]
     assert [part.cutoff for part in work.wide.signals] == expected
     assert expected[0] > expected[1]
 

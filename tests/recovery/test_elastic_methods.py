@@ -5,24 +5,32 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from symid.elastic.alternation import (
-    build_energy_cost,
-    find_rate,
-    fit_alternation,
-    fit_joint_energy,
-)
-from symid.elastic.band import build_band_rows, fit_band
-from symid.elastic.elimination import fit_elimination
-from symid.elastic.fit import ElasticOutcome
-from symid.elastic.independent import find_virtual_torsion, fit_independent, split_recordings
-from symid.elastic.iteration import fit_linear_spring, fit_two_step, init, step, terminate
-from symid.elastic.options import ElasticOptions
 from symid.errors import UsageError
 from symid.excitation.trajectories import build_tb
-from symid.joint.plays import find_hysteresis_torque
+from symid.identification.elastic.elimination import (
+    build_band_rows,
+    estimate_virtual_torsion,
+    fit_band,
+    fit_elimination,
+    fit_independent,
+    split_recordings,
+)
+from symid.identification.elastic.estimate import MethodOutcome
+from symid.identification.elastic.options import ElasticOptions
+from symid.identification.elastic.two_step import (
+    build_energy_cost,
+    compute_convergence_rate,
+    fit_alternation,
+    fit_joint_energy,
+    fit_linear_spring,
+    fit_two_step,
+    init_two_step,
+    step_two_step,
+    terminate_two_step,
+)
+from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque
 from symid.robot.elasticity import Elasticity
-from symid.simulation.elastic_experiment import simulate_elastic
-from symid.simulation.elastic_options import build_clean_options
+from symid.simulation.elastic_experiment import build_clean_options, simulate_elastic
 from tests.recovery.elastic_runs import (
     KNEES,
     PLACED,
@@ -64,7 +72,7 @@ def energy_problem(plain):
 
 def torque_error(springs, run):
     """Return the relative RMS error of the joint torques along the true torsion."""
-    found = [find_hysteresis_torque(spring, run.phi[:, joint]) for joint, spring in enumerate(springs)]
+    found = [compute_hysteresis_torque(spring, run.phi[:, joint]) for joint, spring in enumerate(springs)]
     error = np.array(found).T - run.joint_torque
     return np.sqrt(np.mean(error**2, axis=0) / np.mean(run.joint_torque**2, axis=0))
 
@@ -93,7 +101,7 @@ def test_the_band_gives_the_same_dynamics_with_a_covariance(arm, problem):
 
 
 def test_the_alternation_on_one_cost_descends_at_the_rate_of_the_principal_angle(energy_problem):
-    rate = find_rate(build_energy_cost(energy_problem))
+    rate = compute_convergence_rate(build_energy_cost(energy_problem))
     alternated, joint = fit_alternation(energy_problem), fit_joint_energy(energy_problem)
     costs = np.array([entry.merit for entry in alternated.history])
     assert np.all(np.diff(costs) <= 1e-12 * costs[0])
@@ -101,19 +109,19 @@ def test_the_alternation_on_one_cost_descends_at_the_rate_of_the_principal_angle
     seen = changes[-10:] / changes[-11:-1]
     assert 0.1 < rate < 1.0
     assert np.all(np.abs(seen / rate - 1.0) < 0.05)
-    assert alternated.outcome is ElasticOutcome.CONVERGED
+    assert alternated.outcome is MethodOutcome.CONVERGED
     assert np.allclose(alternated.chi, joint.chi, rtol=1e-5, atol=1e-7)
 
 
 def test_the_alternation_says_when_its_iterations_did_not_suffice(energy_problem):
-    assert fit_alternation(energy_problem, iterations=2).outcome is ElasticOutcome.LIMIT
+    assert fit_alternation(energy_problem, iterations=2).outcome is MethodOutcome.LIMIT
 
 
 @pytest.mark.parametrize("scale", [1.0, 10.0])
 def test_two_steps_on_a_grid_find_clean_dynamics_and_springs_in_six_iterations(arm, scale):
     run = run_arm(*arm, scale=scale, duration=12.0)
     fit = fit_two_step(build(arm[1], [run.recording], ElasticOptions(tolerance=1e-6)))
-    assert fit.outcome is ElasticOutcome.CONVERGED
+    assert fit.outcome is MethodOutcome.CONVERGED
     assert len(fit.history) <= 6
     assert find_error(fit.chi, find_truth(arm[1])) < 5e-3
     assert np.all(torque_error(fit.elasticity, run) < 1.5e-2)
@@ -125,18 +133,21 @@ def test_without_refinement_thresholds_stay_on_their_grid(arm, run):
     fit = fit_two_step(problem)
     for spring, grid in zip(fit.elasticity, problem.thresholds, strict=True):
         assert {stop.threshold for stop in spring.stops} <= set(grid)
-    assert fit.outcome is ElasticOutcome.LIMIT
+    assert fit.outcome is MethodOutcome.LIMIT
     assert len(fit.history) == 3
 
 
 def test_steps_can_be_taken_one_by_one(problem):
-    state = init(problem)
-    assert terminate(problem, state) is None
-    after = step(problem, state)
+    state = init_two_step(problem)
+    assert terminate_two_step(problem, state) is None
+    after = step_two_step(problem, state)
     assert len(after.history) == 1
     assert after.merit < state.merit
     assert np.isfinite(after.change)
-    assert terminate(problem, replace(after, chi=np.full_like(after.chi, np.nan))) is ElasticOutcome.DIVERGED
+    assert (
+        terminate_two_step(problem, replace(after, chi=np.full_like(after.chi, np.nan)))
+        is MethodOutcome.DIVERGED
+    )
 
 
 def test_torque_times_a_number_scales_every_parameter(arm, run):
@@ -202,7 +213,7 @@ def test_the_independent_procedures_take_each_kind_of_motion_for_its_part(arm, a
 
 
 def test_torsion_from_the_motor_side_is_near_the_true_one(arm, apart):
-    found = find_virtual_torsion(apart[0], 1, find_truth(arm[1]))
+    found = estimate_virtual_torsion(apart[0], 1, find_truth(arm[1]))
     true = apart[0].signals[1].phi
     error = np.sqrt(np.mean((found - true) ** 2, axis=0)[0] / np.mean(true**2, axis=0)[0])
     assert error < 0.15

@@ -5,12 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from symid.data.recording import Recording
-from symid.elastic.filtered import build_filtered_rows, filter_held, filter_smooth
-from symid.elastic.options import ElasticOptions
-from symid.elastic.signals import prepare_elastic_signals
-from symid.elastic.windows import build_energy_rows, find_window_columns, find_window_work
 from symid.errors import UsageError
+from symid.identification.elastic.options import ElasticOptions
+from symid.identification.elastic.regression import (
+    build_energy_windows,
+    build_filtered_rows,
+    compute_window_columns,
+    compute_window_work,
+    filter_held,
+    filter_smooth,
+    prepare_elastic_signals,
+)
+from symid.logs.recording import Recording
 from tests.recovery.elastic_runs import STOPS, find_truth, prepare_arm, run_arm
 
 
@@ -34,8 +40,8 @@ def signals(run):
 
 def test_energy_balance_closes_with_the_true_parameters(arm, signals):
     library = arm[1]
-    rows = build_energy_rows(library, signals, 0.1)
-    taken = find_window_work(library.card.elasticity, signals, rows)
+    rows = build_energy_windows(library, signals, 0.1)
+    taken = compute_window_work(library.card.elasticity, signals, rows)
     gap = rows.supplied - taken - rows.design @ find_truth(library)
     assert np.abs(rows.supplied).max() > 1.0
     assert np.abs(gap).max() < 1e-6
@@ -73,7 +79,7 @@ def test_filters_are_exact_for_the_signals_that_they_assume(rate):
 def test_a_torque_times_a_number_scales_the_right_sides_alone(arm, run, signals):
     library = arm[1]
     more = replace(signals, tau=3.0 * signals.tau)
-    energy, tripled = (build_energy_rows(library, part, 0.1) for part in (signals, more))
+    energy, tripled = (build_energy_windows(library, part, 0.1) for part in (signals, more))
     assert np.array_equal(energy.design, tripled.design)
     assert np.allclose(3.0 * energy.supplied, tripled.supplied, rtol=1e-12, atol=1e-12)
     torque, thrice = (build_filtered_rows(library, part, 60.0) for part in (signals, more))
@@ -90,9 +96,11 @@ def test_a_slower_replay_changes_what_inertias_do_and_not_what_springs_do(arm, s
         dtheta=signals.dtheta / 2.0,
         period=2.0 * signals.period,
     )
-    rows, replay = build_energy_rows(library, signals, 0.1), build_energy_rows(library, slow, 0.2)
+    rows, replay = build_energy_windows(library, signals, 0.1), build_energy_windows(library, slow, 0.2)
     grids = [np.array(grid) for grid in STOPS]
-    assert np.array_equal(find_window_columns(grids, signals, rows), find_window_columns(grids, slow, replay))
+    assert np.array_equal(
+        compute_window_columns(grids, signals, rows), compute_window_columns(grids, slow, replay)
+    )
     first = len(library.card.beta)
     rotors = slice(first, first + 2)
     assert np.allclose(rows.design[:, rotors], 4.0 * replay.design[:, rotors], atol=1e-12)
@@ -104,7 +112,7 @@ def test_a_slower_replay_changes_what_inertias_do_and_not_what_springs_do(arm, s
 
 def test_windows_that_do_not_fit_are_refused(arm, signals):
     with pytest.raises(UsageError, match="window of 100 s") as caught:
-        build_energy_rows(arm[1], signals, 100.0)
+        build_energy_windows(arm[1], signals, 100.0)
     assert caught.value.notices[0].code == "usage.window"
 
 

@@ -6,15 +6,20 @@ import numpy as np
 import pytest
 
 from symid.codegen.cache import prepare_library
-from symid.elastic.feed_forward import find_elastic_reference
-from symid.elastic.fit import ElasticFit
-from symid.elastic.tracking import RIGID, SpringCounts, simulate_tracking, widen_springs
 from symid.errors import UsageError
 from symid.excitation.trajectories import build_tc
-from symid.formats.toml import read_robot
-from symid.joint.plays import find_hysteresis_torque
+from symid.identification.elastic.estimate import MethodFit
+from symid.identification.elastic.validation import (
+    RIGID,
+    SpringCounts,
+    compute_elastic_reference,
+    simulate_tracking,
+    widen_springs,
+)
+from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque
 from symid.robot.elasticity import Elasticity
-from symid.simulation.elastic_options import build_clean_options, build_noisy_options
+from symid.robot.toml_reader import read_robot
+from symid.simulation.elastic_experiment import build_clean_options, build_noisy_options
 
 _DURATION = 4.0
 
@@ -28,7 +33,7 @@ def arm(robots_folder):
 def believe(library):
     """Return a model that is the truth."""
     card = library.card
-    return ElasticFit(
+    return MethodFit(
         method="truth",
         beta=np.array([entry.value for entry in card.beta]),
         rotor=np.array([entry.value for entry in card.rotors]),
@@ -58,9 +63,9 @@ def test_the_reference_is_the_motion_of_the_motors_in_a_run_that_follows(arm):
     trajectory = build_tc()
     q, dq, ddq = trajectory.evaluate(time)
     (torque,) = library.evaluate("inverse_dynamics", q, dq, ddq, truth.beta)
-    reference = find_elastic_reference(library, truth, trajectory, time)
+    reference = compute_elastic_reference(library, truth, trajectory, time)
     for joint, spring in enumerate(truth.elasticity):
-        found = find_hysteresis_torque(spring, reference.angle[:, joint] - q[:, joint])
+        found = compute_hysteresis_torque(spring, reference.angle[:, joint] - q[:, joint])
         np.testing.assert_allclose(found, torque[:, joint], rtol=0, atol=1e-10)
 
 
@@ -73,8 +78,8 @@ def test_more_stops_and_knees_without_effect_change_nothing(arm):
     assert wide[1] == springs[1]
     phi = 0.03 * np.sin(np.linspace(0.0, 9.0, 500)) * np.linspace(0.0, 1.0, 500)
     for before, after in zip(springs, wide, strict=True):
-        found = find_hysteresis_torque(after, phi)
-        np.testing.assert_allclose(found, find_hysteresis_torque(before, phi), rtol=0, atol=1e-12)
+        found = compute_hysteresis_torque(after, phi)
+        np.testing.assert_allclose(found, compute_hysteresis_torque(before, phi), rtol=0, atol=1e-12)
     plain = Elasticity(stiffness=100.0)
     runs = simulate_tracking(
         *arm,
@@ -97,9 +102,9 @@ def test_springs_of_another_size_or_rigid_robots_are_refused(arm, robots_folder)
     plain = tuple(Elasticity(stiffness=100.0) for _ in range(2))
     fit = replace(believe(library), elasticity=plain)
     with pytest.raises(UsageError, match="generate a library for it") as caught:
-        find_elastic_reference(library, fit, build_tc(), time)
+        compute_elastic_reference(library, fit, build_tc(), time)
     assert caught.value.notices[0].code == "usage.spring-layout"
     rigid = prepare_library(read_robot(robots_folder / "two_link.toml"))
     with pytest.raises(UsageError, match="all its joints must be elastic") as caught:
-        find_elastic_reference(rigid, fit, build_tc(), time)
+        compute_elastic_reference(rigid, fit, build_tc(), time)
     assert caught.value.notices[0].code == "usage.no-feed-forward"

@@ -4,7 +4,7 @@ import numpy as np
 
 from symid.codegen.cache import prepare_library
 from symid.excitation.trajectories import FourierOptions, build_random_fourier
-from symid.formats.toml import read_robot
+from symid.robot.toml_reader import read_robot
 from symid.simulation.experiment import ExperimentOptions, simulate_experiment
 from symid.simulation.sensors import SensorOptions
 

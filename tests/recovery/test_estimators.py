@@ -4,16 +4,27 @@ import numpy as np
 import pytest
 
 from symid.errors import UsageError
-from symid.estimators.estimators import ESTIMATORS, EstimatorOptions, fit_rows
-from symid.estimators.gls import find_noise_covariance, fit_gls, whiten_rows
-from symid.estimators.huber import fit_huber
-from symid.estimators.prior import Prior, build_prior_of_card, build_prior_of_estimate
-from symid.estimators.regression import fit_ols, fit_wls
-from symid.estimators.ridge import fit_ridge
-from symid.identification.identify import identify_parameters
-from symid.robot.log_map import Processing
-from symid.rows.identifiability import find_identifiability
-from symid.rows.rows import build_rows, select_rows, stack_rows
+from symid.identification.estimators.least_squares import (
+    estimate_noise_covariance,
+    fit_gls,
+    fit_ols,
+    fit_wls,
+    whiten_rows,
+)
+from symid.identification.estimators.linear_estimators import (
+    ESTIMATORS,
+    EstimatorOptions,
+    Prior,
+    build_prior_of_card,
+    build_prior_of_estimate,
+    fit_huber,
+    fit_ridge,
+    fit_rows,
+)
+from symid.identification.regression.equations import build_rows, select_rows, stack_rows
+from symid.identification.regression.identifiability import analyse_identifiability
+from symid.identification.rigid.fit import identify_parameters
+from symid.robot.description import Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_signals, build_two_link
 
 PLAIN = Processing()
@@ -39,7 +50,7 @@ def score(fit):
 @pytest.mark.parametrize("estimator", FREE)
 def test_exact_rows_give_the_truth(estimator):
     rows = build()
-    fit = fit_rows(estimator, rows, find_identifiability(rows))
+    fit = fit_rows(estimator, rows, analyse_identifiability(rows))
     np.testing.assert_allclose(fit.values, TWO_LINK_TRUTH, atol=1e-7)
 
 
@@ -49,7 +60,7 @@ def test_deviations_cover_the_truth_as_often_as_they_say(estimator, kind):
     scores = []
     for seed in range(40):
         rows = build(seed=seed, noise=NOISE, samples=2001, kind=kind)
-        scores.append(score(fit_rows(estimator, rows, find_identifiability(rows))))
+        scores.append(score(fit_rows(estimator, rows, analyse_identifiability(rows))))
     # The mean square of 40 times 12 scores, in part dependent, scatters by about a tenth.
     assert 0.75 < np.mean(np.square(scores)) < 1.3
 
@@ -62,7 +73,7 @@ def draw_joint_noise(rows, rng, covariance):
 
 def test_gls_knows_more_where_joints_share_their_noise():
     clean = build()
-    seen = find_identifiability(clean)
+    seen = analyse_identifiability(clean)
     covariance = np.array([[0.25, 0.19], [0.19, 0.16]])
     errors = {fit_wls: [], fit_gls: []}
     scores = []
@@ -73,7 +84,7 @@ def test_gls_knows_more_where_joints_share_their_noise():
             fit = estimator(rows, seen)
             found.append(fit.values - TWO_LINK_TRUTH)
         scores.append(score(fit_gls(rows, seen)))
-        found = find_noise_covariance(rows, fit_wls(rows, seen))
+        found = estimate_noise_covariance(rows, fit_wls(rows, seen))
         np.testing.assert_allclose(found, covariance, rtol=0.1)
     spread = {estimator: np.std(found, axis=0) for estimator, found in errors.items()}
     assert np.mean(spread[fit_gls] / spread[fit_wls]) < 0.6
@@ -83,7 +94,7 @@ def test_gls_knows_more_where_joints_share_their_noise():
 def test_gls_equals_the_formula_of_aitken():
     rows = build(noise=NOISE, samples=301)
     noise = np.array([[2.0, 0.7], [0.7, 1.0]])
-    fit = fit_gls(rows, find_identifiability(rows), noise=noise)
+    fit = fit_gls(rows, analyse_identifiability(rows), noise=noise)
     whole = np.linalg.inv(np.kron(noise, np.eye(len(rows.values) // 2)))
     normal = rows.matrix.T @ whole @ rows.matrix
     expected = np.linalg.solve(normal, rows.matrix.T @ whole @ rows.values)
@@ -106,7 +117,7 @@ def test_rows_without_their_fellows_are_whitened_on_their_own():
 
 def test_outliers_hardly_move_the_robust_fit():
     clean = build(noise=NOISE)
-    seen = find_identifiability(clean)
+    seen = analyse_identifiability(clean)
     rng = np.random.default_rng(5)
     hit = rng.random(len(clean.values)) < 0.05
     rows = with_values(clean, clean.values + hit * 20.0 * rng.exponential(size=len(clean.values)))
@@ -120,7 +131,7 @@ def test_outliers_hardly_move_the_robust_fit():
 
 def test_huber_is_stationary_for_its_loss():
     rows = build(noise=NOISE, samples=501)
-    fit = fit_huber(rows, find_identifiability(rows))
+    fit = fit_huber(rows, analyse_identifiability(rows))
     slope = rows.matrix.T @ (fit.weights**2 * fit.residuals)
     size = np.linalg.norm(rows.matrix, axis=0) * np.linalg.norm(fit.weights**2 * fit.residuals)
     assert np.abs(slope / size).max() < 1e-6
@@ -128,7 +139,7 @@ def test_huber_is_stationary_for_its_loss():
 
 def test_ridge_of_weight_one_is_the_bayesian_answer():
     rows = build(noise=NOISE, samples=201)
-    seen = find_identifiability(rows)
+    seen = analyse_identifiability(rows)
     deviations = 0.3 * np.abs(TWO_LINK_TRUTH)
     prior = Prior(
         names=rows.names, values=tuple(1.2 * TWO_LINK_TRUTH), deviations=tuple(deviations), source="test"
@@ -146,7 +157,7 @@ def test_ridge_of_weight_one_is_the_bayesian_answer():
 
 def test_cross_validation_believes_a_good_prior_and_not_a_bad_one():
     rows = build(noise=(3.0, 2.0), samples=401)
-    seen = find_identifiability(rows)
+    seen = analyse_identifiability(rows)
     sizes = tuple(np.abs(TWO_LINK_TRUTH))
     weights = {}
     for factor in (1.0, 3.0):
@@ -183,7 +194,7 @@ def test_priors_of_the_robot_file_and_of_estimates():
 
 def test_the_last_joint_is_known_from_its_own_rows():
     rows = build(noise=NOISE)
-    seen = find_identifiability(rows)
+    seen = analyse_identifiability(rows)
     fit = fit_rows("sequential", rows, seen)
     second = rows.group == 1
     own = [k for k in range(len(rows.names)) if rows.matrix[second][:, k].any()]
@@ -195,7 +206,7 @@ def test_the_last_joint_is_known_from_its_own_rows():
 def test_rows_of_all_joints_are_no_rows_of_one():
     rows = build(kind="power")
     with pytest.raises(UsageError) as caught:
-        fit_rows("sequential", rows, find_identifiability(rows))
+        fit_rows("sequential", rows, analyse_identifiability(rows))
     assert caught.value.notices[0].code == "usage.sequential-rows"
 
 
@@ -205,7 +216,7 @@ def test_rows_of_all_joints_are_no_rows_of_one():
 def test_what_an_estimator_lacks_is_named(estimator, code):
     rows = build()
     with pytest.raises(UsageError) as caught:
-        fit_rows(estimator, rows, find_identifiability(rows))
+        fit_rows(estimator, rows, analyse_identifiability(rows))
     assert caught.value.notices[0].code == code
 
 
@@ -222,7 +233,7 @@ def test_a_robot_file_without_values_is_no_prior():
 def test_runs_count_as_they_are_weighed():
     parts = [build(seed=1, noise=NOISE, samples=301), build(seed=2, noise=NOISE, samples=201)]
     weighed = stack_rows(parts, weights=(1.0, 4.0))
-    fit = fit_ols(weighed, find_identifiability(weighed))
+    fit = fit_ols(weighed, analyse_identifiability(weighed))
     twice = [parts[0].matrix, *[parts[1].matrix] * 4], [parts[0].values, *[parts[1].values] * 4]
     expected = np.linalg.lstsq(np.vstack(twice[0]), np.concatenate(twice[1]), rcond=None)[0]
     np.testing.assert_allclose(fit.values, expected, rtol=1e-8)
@@ -242,7 +253,7 @@ def test_overlapping_windows_know_a_little_more_and_do_not_boast(kind):
         signals = build_signals(library, TWO_LINK_TRUTH, samples=4001, period=5e-3, seed=seed, noise=NOISE)
         for overlap, found in errors.items():
             rows = build_rows(kind, library, signals, PLAIN, window=0.2, overlap=overlap)
-            fit = fit_wls(rows, find_identifiability(rows))
+            fit = fit_wls(rows, analyse_identifiability(rows))
             found.append(fit.values - TWO_LINK_TRUTH)
             if overlap:
                 scores.append(score(fit))

@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 
 from symid.errors import IdentifiabilityError, UsageError
-from symid.friction.estimate import FrictionOutcome
-from symid.friction.presliding import PreslidingOptions, fit_presliding
-from symid.friction.presliding_problem import build_path
-from symid.friction.samples import FrictionSamples
-from symid.joint.friction_dynamic import get_dynamic_law
-from symid.joint.friction_dynamic_run import find_dynamic_run
+from symid.identification.friction.estimate import SearchOutcome
+from symid.identification.friction.presliding import PreslidingOptions, build_path, fit_presliding
+from symid.identification.friction.samples import FrictionSamples
+from symid.joint_models.dynamic_friction import get_dynamic_law, simulate_dynamic_friction
 from symid.simulation.friction_rig import PositionControl, Rig, RigOptions, simulate_friction_rig
 
 NOISE = 0.01
@@ -96,7 +94,7 @@ def check_recovered(found, named):
 def test_all_parameters_come_back_within_five_per_cent(motions, name):
     law, named, run = motions(name)
     found = fit_presliding(build_samples(run, 1), law)
-    assert found.outcome is FrictionOutcome.CONVERGED
+    assert found.outcome is SearchOutcome.CONVERGED
     assert (found.refused, found.notices) == ((), ())
     check_recovered(found, named)
     wanted = NOISE * np.sqrt(np.mean(run.friction**2))
@@ -133,7 +131,9 @@ def test_an_exponent_that_the_data_want_beyond_its_bound_is_told(motions):
     law, _, run = motions("lugre")
     samples = build_samples(run, 1)
     wide = replace(law, parameters=tuple(replace(entry, upper=np.inf) for entry in law.parameters))
-    sharp = find_dynamic_run(wide, (1e4, 100.0, 10.0, 15.0, 0.01, 9.0, 25.0), build_path(samples)).torque
+    sharp = simulate_dynamic_friction(
+        wide, (1e4, 100.0, 10.0, 15.0, 0.01, 9.0, 25.0), build_path(samples)
+    ).torque
     noise = 0.1 * np.random.default_rng(1).normal(size=sharp.size)
     found = fit_presliding(build_samples(run, 1, torque=sharp + noise), law, PreslidingOptions(fixed=()))
     exponent = next(entry for entry in found.parameters if entry.name == "gamma")
@@ -185,7 +185,7 @@ def test_without_slip_the_law_of_slip_gets_a_sentence_and_no_number(motions):
     assert found.get_value("fS") is None
     assert "break away slowly" in refused["fS"]
     # Where nothing slips, fC may grow without end.
-    assert found.outcome in {FrictionOutcome.SOME_REFUSED, FrictionOutcome.LIMIT}
+    assert found.outcome in {SearchOutcome.SOME_REFUSED, SearchOutcome.LIMIT}
     assert found.get_value("sigma0") == pytest.approx(named["sigma0"], rel=0.01)
 
 
@@ -203,7 +203,7 @@ def test_static_friction_below_coulomb_is_told(motions):
     law, named, run = motions("lugre")
     rising = (1e4, 100.0, 10.0, 7.0, 0.01, 2.0, 25.0)
     samples = build_samples(run, 6)
-    torque = find_dynamic_run(law, rising, build_path(samples)).torque
+    torque = simulate_dynamic_friction(law, rising, build_path(samples)).torque
     noise = 0.05 * np.random.default_rng(6).normal(size=torque.size)
     found = fit_presliding(build_samples(run, 6, torque=torque + noise), law)
     assert found.get_value("fS") == pytest.approx(7.0, rel=0.05)

@@ -3,20 +3,11 @@
 import numpy as np
 import pytest
 
-from symid.friction.covariance import find_cramer_rao
-from symid.friction.estimators import ESTIMATORS, STOCHASTIC, fit_friction
-from symid.friction.options import FrictionOptions
-from symid.joint.friction_laws import build_stribeck, get_law
-from tests.frictions import (
-    NOISE_S2,
-    RV_2SQ,
-    TABLE_1,
-    TABLE_3,
-    build_cosines,
-    draw_s1,
-    draw_s2,
-    draw_samples,
-)
+from symid.identification.friction.estimate import compute_cramer_rao
+from symid.identification.friction.estimators import ESTIMATORS, STOCHASTIC, fit_friction
+from symid.identification.friction.problem import FrictionOptions
+from symid.joint_models.friction_catalogue import build_stribeck, get_law
+from tests.frictions import NOISE_S2, RV_2SQ, TABLE_1, TABLE_3, build_cosines, draw_s1, draw_s2, draw_samples
 
 DRAWS = 20
 
@@ -25,7 +16,7 @@ DRAWS = 20
 def test_s1_deterministic_estimators_agree_and_stay_within_the_bound(count, peak):
     samples, law = draw_s1(4, count=count, peak=peak)
     fits = [fit_friction(samples, law, estimator=name) for name in ESTIMATORS if name not in STOCHASTIC]
-    bound = find_cramer_rao(samples, law, TABLE_1, float(np.sqrt(251.0 / count)))
+    bound = compute_cramer_rao(samples, law, TABLE_1, float(np.sqrt(251.0 / count)))
     least = min(fit.objective for fit in fits)
     for fit in fits:
         assert fit.objective == pytest.approx(least, rel=1e-6)
@@ -56,7 +47,7 @@ def test_s2_scatter_is_that_of_the_bound(joint):
         assert fit.refused == ()
         values.append([entry.value for entry in fit.parameters])
         solves.append(fit.solves)
-    bound = find_cramer_rao(samples, law, TABLE_3[joint], NOISE_S2[joint])
+    bound = compute_cramer_rao(samples, law, TABLE_3[joint], NOISE_S2[joint])
     errors = (np.array(values) - truth) / bound
     assert max(solves) <= 150
     # Of 20 draws a mean has a deviation of 0.22, a standard deviation one of 0.16.
@@ -70,7 +61,9 @@ def test_rv_2sq_is_recovered_or_said_to_be_hidden(joint):
     law = build_stribeck(exponent=exponent)
     velocity = build_cosines(3.0 * physical[2], 1.0)
     noise = 0.02 * physical[0]
-    bound = find_cramer_rao(draw_samples(law, tuple(physical), velocity, noise=noise), law, physical, noise)
+    bound = compute_cramer_rao(
+        draw_samples(law, tuple(physical), velocity, noise=noise), law, physical, noise
+    )
     for seed in range(5):
         fit = fit_friction(draw_samples(law, tuple(physical), velocity, noise=noise, seed=seed), law)
         for entry, true, std in zip(law.physical, physical, bound, strict=True):

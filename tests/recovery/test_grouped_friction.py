@@ -5,12 +5,11 @@ import pytest
 
 from symid.codegen.cache import prepare_library
 from symid.excitation.trajectories import FourierOptions, build_random_fourier
-from symid.formats.toml import read_robot
-from symid.identification.identify import identify_parameters
-from symid.robot.log_map import Processing
+from symid.identification.rigid.fit import identify_parameters
+from symid.robot.description import Processing
+from symid.robot.toml_reader import read_robot
 from symid.simulation.experiment import ExperimentOptions, simulate_experiment
-from symid.simulation.friction import find_friction_lines
-from symid.simulation.plant import Plant, start_state
+from symid.simulation.rigid_plant import RigidPlant, build_friction_lines, build_rest_state
 from symid.simulation.sensors import SensorOptions
 
 HEAD = """
@@ -81,7 +80,7 @@ def read_behind(tmp_path, model, multiplier):
 
 
 def brake(library, dq):
-    lines = find_friction_lines(library)
+    lines = build_friction_lines(library)
     rows, columns = np.sign(dq).astype(int), np.arange(library.card.size)
     return lines.viscous[rows, columns] * dq + lines.level[rows, columns]
 
@@ -99,9 +98,9 @@ def assert_brakes_as_the_library(library):
 def test_a_plant_brakes_as_the_library_says(tmp_path, model, multiplier):
     library = prepare_library(read_behind(tmp_path, model, multiplier))
     dq, friction = assert_brakes_as_the_library(library)
-    plant, q = Plant(library), np.array([0.3])
+    plant, q = RigidPlant(library), np.array([0.3])
     for row, loss in zip(dq[:20], friction, strict=False):
-        state = start_state(q)
+        state = build_rest_state(q)
         state = type(state)(q=q, dq=row, modes=tuple(np.sign(row).astype(int).tolist()))
         after = plant.advance(state, np.zeros(1), 1e-9)
         free = library.evaluate("forward_dynamics", q, row, -loss, plant.beta)[0]

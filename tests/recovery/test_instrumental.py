@@ -6,20 +6,19 @@ import numpy as np
 import pytest
 
 from symid.codegen.cache import prepare_library
-from symid.data.recording import RunSettings
-from symid.data.runs import find_weights
 from symid.errors import UsageError
-from symid.estimators.regression import fit_wls
 from symid.excitation.trajectories import FourierOptions, build_random_fourier
-from symid.formats.toml import read_robot
-from symid.identification.identify import identify_parameters
-from symid.identification.instrumental_estimate import identify_instrumental
-from symid.identification.instrumental_fit import find_start, fit_instrumental
-from symid.identification.servo import build_loop, simulate_servo
-from symid.robot.controller import Controller
-from symid.robot.log_map import Decimation, Processing
-from symid.rows.identifiability import find_identifiability
-from symid.rows.preparation import prepare_rows
+from symid.identification.estimators.least_squares import fit_wls
+from symid.identification.regression.identifiability import analyse_identifiability
+from symid.identification.regression.preparation import prepare_rows
+from symid.identification.rigid.closed_loop import build_closed_loop, simulate_closed_loop
+from symid.identification.rigid.closed_loop_estimate import identify_instrumental
+from symid.identification.rigid.closed_loop_fit import estimate_start, fit_instrumental
+from symid.identification.rigid.fit import identify_parameters
+from symid.logs.recording import RunSettings
+from symid.logs.runs import get_run_weights
+from symid.robot.description import Controller, Decimation, Processing
+from symid.robot.toml_reader import read_robot
 from symid.simulation.experiment import ExperimentOptions, simulate_experiment
 from symid.simulation.sensors import SensorOptions
 
@@ -105,9 +104,9 @@ def test_where_states_are_exact_it_is_wls(recording, library):
     """A log of the very states that are simulated; its torque differs by what wls does not see."""
     truth = list_truth(library)
     values = np.array(list(truth.values()))
-    loop = build_loop(recording, GAINS, FREE)
+    loop = build_closed_loop(recording, GAINS, FREE)
     processing = replace(PROCESSING, drop_first=400, decimation=Decimation())
-    log = replace(recording, position=simulate_servo(library, values, recording, loop).signals.q)
+    log = replace(recording, position=simulate_closed_loop(library, values, recording, loop).signals.q)
     rows = prepare_rows("torque", library, log, processing, window=0.1)
     rng = np.random.default_rng(0)
     torque = log.torque.copy()
@@ -119,7 +118,7 @@ def test_where_states_are_exact_it_is_wls(recording, library):
     log = replace(log, torque=torque)
     found = fit_instrumental(library, [log], [loop], processing, truth)
     rows = prepare_rows("torque", library, log, processing, window=0.1)
-    usual = fit_wls(rows, find_identifiability(rows))
+    usual = fit_wls(rows, analyse_identifiability(rows))
     assert found.iterations == 1
     np.testing.assert_allclose(found.fit.values, usual.values, rtol=1e-8, atol=1e-10)
     np.testing.assert_allclose(found.fit.covariance, usual.covariance, rtol=1e-6, atol=1e-12)
@@ -181,12 +180,12 @@ def test_noise_that_leaves_wls_no_robot_is_no_hindrance(robot, library, recordin
     inertia = {entry.name: entry for entry in estimate.parameters}["ZZ2"]
     assert inertia.value == pytest.approx(inertia.truth, rel=0.15)
     # From wls as the only start it is told in words; see the tests of output error.
-    assert find_start(library, [log], [build_loop(log, GAINS, FREE)], LATE) is not None
+    assert estimate_start(library, [log], [build_closed_loop(log, GAINS, FREE)], LATE) is not None
 
 
 def test_references_that_stand_still_are_no_start(library, recording):
     still = replace(recording, reference=np.zeros_like(recording.reference), reference_velocity=None)
-    assert find_start(library, [still], [build_loop(still, GAINS, FREE)], LATE) is None
+    assert estimate_start(library, [still], [build_closed_loop(still, GAINS, FREE)], LATE) is None
 
 
 def test_wrong_gains_cost_precision_and_not_truth(robot, library, recording):
@@ -206,7 +205,7 @@ def test_wrong_gains_cost_precision_and_not_truth(robot, library, recording):
 def test_several_runs_count_by_their_weights(robot, library, record):
     good = replace(spoil(record(3), 0, encoder=1e-5), run=RunSettings(file="good.npz", weight=1e4))
     bad = replace(spoil(record(4), 1, encoder=3e-4), run=RunSettings(file="bad.npz"))
-    weights = find_weights([good, bad])
+    weights = get_run_weights([good, bad])
     together, heeded = (
         identify_instrumental(robot, library, [good, bad], weights=how) for how in (None, weights)
     )

@@ -7,29 +7,30 @@ import numpy as np
 import pytest
 
 from symid.codegen.cache import prepare_library
-from symid.elastic.elimination import fit_elimination
-from symid.elastic.fit import ElasticOutcome
-from symid.elastic.identify import identify_elastic
-from symid.elastic.iteration import fit_linear_spring, fit_two_step
-from symid.elastic.nlp import fit_nlp
-from symid.elastic.nlp_covariance import find_nlp_covariance
-from symid.elastic.nlp_multistart import optimise_from_many
-from symid.elastic.nlp_options import NlpOptions
-from symid.elastic.nlp_places import find_place_slopes, list_places
-from symid.elastic.nlp_rows import build_nlp_recording
-from symid.elastic.nlp_setting import prepare_setting
-from symid.elastic.nlp_solver import find_certificate, optimise_nlp
-from symid.elastic.nlp_starts import find_random_start
-from symid.elastic.options import METHODS, ElasticOptions
-from symid.elastic.problem import build_problem
-from symid.elastic.signals import prepare_elastic_signals
 from symid.errors import UsageError
 from symid.excitation.trajectories import build_tc
-from symid.formats.toml import read_robot
-from symid.joint.plays import find_hysteresis_torque, find_spring_work
-from symid.simulation.elastic_experiment import simulate_elastic
-from symid.simulation.elastic_options import build_clean_options, build_noisy_options
-from symid.study.elastic_errors import find_truth
+from symid.identification.elastic.elimination import fit_elimination
+from symid.identification.elastic.estimate import MethodOutcome
+from symid.identification.elastic.identify import identify_elastic
+from symid.identification.elastic.nlp import (
+    compute_certificate,
+    compute_place_slopes,
+    fit_nlp,
+    list_places,
+    optimise_from_many,
+    optimise_nlp,
+    prepare_setting,
+)
+from symid.identification.elastic.nlp_cost import compute_nlp_covariance, draw_start
+from symid.identification.elastic.nlp_rows import NlpOptions, build_nlp_recording
+from symid.identification.elastic.options import METHODS, ElasticOptions
+from symid.identification.elastic.problem import build_elastic_problem
+from symid.identification.elastic.regression import prepare_elastic_signals
+from symid.identification.elastic.two_step import fit_linear_spring, fit_two_step
+from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque, compute_spring_work
+from symid.robot.toml_reader import read_robot
+from symid.simulation.elastic_experiment import build_clean_options, build_noisy_options, simulate_elastic
+from symid.study.elastic_methods import get_true_parameters
 
 TRUE_PLACES = {
     "thresholds": ((0.002, 0.005, 0.010), (0.003, 0.008, 0.016)),
@@ -46,7 +47,7 @@ def arm(robots_folder):
 def build(arm, experiment, options):
     robot, library = arm
     run = simulate_elastic(robot, library, build_tc(), experiment, np.random.default_rng(0))
-    return build_problem(library, [prepare_elastic_signals(run.recording, options)], options)
+    return build_elastic_problem(library, [prepare_elastic_signals(run.recording, options)], options)
 
 
 @pytest.fixture(scope="module")
@@ -73,9 +74,9 @@ def find_errors(arm, problem, fit):
     springs = []
     for joint, (true, found) in enumerate(zip(card.elasticity, fit.elasticity, strict=True)):
         phi = problem.signals[0].phi[:, joint]
-        expected = find_hysteresis_torque(true, phi)
+        expected = compute_hysteresis_torque(true, phi)
         springs.append(
-            np.linalg.norm(find_hysteresis_torque(found, phi) - expected) / np.linalg.norm(expected)
+            np.linalg.norm(compute_hysteresis_torque(found, phi) - expected) / np.linalg.norm(expected)
         )
     return errors.max(), np.array(springs)
 
@@ -84,7 +85,7 @@ def find_errors(arm, problem, fit):
 def test_without_noise_all_rows_give_the_truth(arm, clean, rows):
     result = fit_nlp(clean, NlpOptions(rows=rows))
     parameters, springs = find_errors(arm, clean, result.fit)
-    assert result.fit.outcome is ElasticOutcome.CONVERGED
+    assert result.fit.outcome is MethodOutcome.CONVERGED
     assert parameters < 2e-4
     assert np.all(springs < 2e-4)
     assert result.run.linear_solver == "mumps"
@@ -106,7 +107,7 @@ def test_the_work_of_the_knees_is_that_of_the_exact_formula(arm, clean):
     for joint, (spring, place) in enumerate(zip(springs, result.cost.layout.springs, strict=True)):
         x[place.weights] = [spring.stiffness, *(stop.stiffness for stop in spring.stops)]
         x[place.slopes] = 1.0 + spring.knees[0].slope
-        exact += np.diff(find_spring_work(spring, signals.phi[:, joint])[rows.ends])
+        exact += np.diff(compute_spring_work(spring, signals.phi[:, joint])[rows.ends])
     residual = result.cost.find_state(x).residuals[0]
     expected = block.values - block.matrix @ x[result.cost.layout.dynamics] - exact
     np.testing.assert_allclose(residual, expected, atol=2e-8)
@@ -118,7 +119,7 @@ def test_gradient_and_hessian_are_exact(noisy):
     rng = np.random.default_rng(0)
     layout = cost.layout
     x = np.array(fit_nlp(noisy, replace(options, iterations=1)).run.x)
-    x = find_random_start(layout, x, rng)
+    x = draw_start(layout, x, rng)
     x[layout.speed], x[layout.excess] = (0.2, 0.4), (0.3, 0.2)
     state = cost.find_state(x)
     gradient, hessian = cost.find_gradient(state), cost.find_hessian(state, x)
@@ -175,10 +176,10 @@ def test_places_move_to_the_best_ones_and_given_ones_stay(arm, noisy):
         assert [entry.threshold for entry in spring.knees] == [entry.threshold for entry in places.knees]
     assert found.run.objective < kept.run.objective
     # Places that the data chose add to the doubt of what they trade with.
-    known = find_nlp_covariance(found.cost, found.run.x)
+    known = compute_nlp_covariance(found.cost, found.run.x)
     assert np.all(np.diag(found.fit.covariance) > 0.9 * np.diag(known))
     assert np.max(np.diag(found.fit.covariance) / np.diag(known)) > 2.0
-    np.testing.assert_allclose(kept.fit.covariance, find_nlp_covariance(kept.cost, kept.run.x))
+    np.testing.assert_allclose(kept.fit.covariance, compute_nlp_covariance(kept.cost, kept.run.x))
 
 
 def test_slopes_by_places_are_those_of_the_problem(noisy):
@@ -188,7 +189,7 @@ def test_slopes_by_places_are_those_of_the_problem(noisy):
     cost = replace(result.cost, recordings=setting.recordings, layout=setting.lay_out(()))
     places = list_places(setting, cost, result.run.x)
     assert len(places) == 6 + 4
-    slopes = find_place_slopes(setting, cost, result.run.x, places)
+    slopes = compute_place_slopes(setting, cost, result.run.x, places)
     before = cost.find_state(result.run.x).residuals
     for place in (places[0], places[-1]):
         knees = [list(entries) for entries in setting.knees]
@@ -227,7 +228,7 @@ def test_a_file_without_rotor_inertias_is_identified_by_every_method(arm, noisy,
     file.write_text(re.sub(r"(?m)^\[joint.drive\]\n(.*\n){2}", "", text))
     library = prepare_library(read_robot(file))
     assert library.card.rotors == ()
-    problem = build_problem(library, noisy.signals, noisy.options)
+    problem = build_elastic_problem(library, noisy.signals, noisy.options)
     np.testing.assert_allclose(fit_nlp(problem).fit.chi, fit_nlp(noisy).fit.chi, rtol=1e-6)
     run = simulate_elastic(*arm, build_tc(), build_noisy_options(), np.random.default_rng(0))
     found = identify_elastic(library, [run.recording], ElasticOptions())
@@ -236,7 +237,7 @@ def test_a_file_without_rotor_inertias_is_identified_by_every_method(arm, noisy,
     assert values["IA2"] == pytest.approx(0.05, rel=0.02)
     assert {trial.method for trial in found.trials} == set(METHODS) - {"automatic", "independent"}
     with pytest.raises(UsageError, match="states no value for IA1, IA2; a study needs the truth"):
-        find_truth(library.card)
+        get_true_parameters(library.card)
 
 
 @pytest.mark.parametrize(("stops", "knees"), [(0, 4), (8, 0), (0, 0)])
@@ -296,7 +297,7 @@ def test_the_gauss_newton_hessian_ends_at_the_same_optimum(noisy):
 
 def test_a_run_that_does_not_converge_says_so(noisy):
     result = fit_nlp(noisy, NlpOptions(iterations=2))
-    assert result.fit.outcome is ElasticOutcome.LIMIT
+    assert result.fit.outcome is MethodOutcome.LIMIT
     assert not result.run.converged
     assert "Maximum_Iterations_Exceeded" in result.run.reason
     assert "elastic.nlp-not-converged" in {notice.code for notice in result.fit.notices}
@@ -309,7 +310,7 @@ def test_a_point_off_the_optimum_has_no_certificate(noisy):
     result = fit_nlp(noisy)
     x = np.array(result.run.x)
     x[0] *= 1.01
-    assert find_certificate(result.cost, x, result.scales).kkt > 1e-3
+    assert compute_certificate(result.cost, x, result.scales).kkt > 1e-3
 
 
 def test_knees_and_stops_that_are_not_reached_are_named(noisy):
@@ -349,7 +350,7 @@ def test_stribeck_friction_is_found_where_there_is_some(arm, clean):
     added = np.array([0.7, 0.3]) * np.exp(-((speed / np.array([0.15, 0.25])) ** 2)) * np.tanh(speed / 0.01)
     held = np.vstack([(added[1:] + added[:-1]) / 2.0, added[-1:]])
     options = clean.options
-    problem = build_problem(arm[1], [replace(signals, tau=signals.tau + held)], options)
+    problem = build_elastic_problem(arm[1], [replace(signals, tau=signals.tau + held)], options)
     result = fit_nlp(
         problem, NlpOptions(rows=("momentum",), stribeck=True, smoothing=0.01, speeds=(0.01, 2.0))
     )

@@ -6,17 +6,16 @@ import numpy as np
 import pytest
 
 from symid.codegen.cache import prepare_library
-from symid.data.recording import RunSettings
-from symid.data.runs import find_weights
 from symid.errors import SolverError, UsageError
 from symid.excitation.trajectories import FourierOptions, build_random_fourier
-from symid.formats.toml import read_robot
-from symid.identification.identify import identify_parameters
-from symid.identification.output_error import fit_output_error
-from symid.identification.output_error_estimate import identify_output_error
-from symid.identification.servo import build_loop
-from symid.robot.controller import Controller
-from symid.robot.log_map import Decimation, Processing
+from symid.identification.rigid.closed_loop import build_closed_loop
+from symid.identification.rigid.closed_loop_estimate import identify_output_error
+from symid.identification.rigid.closed_loop_fit import fit_output_error
+from symid.identification.rigid.fit import identify_parameters
+from symid.logs.recording import RunSettings
+from symid.logs.runs import get_run_weights
+from symid.robot.description import Controller, Decimation, Processing
+from symid.robot.toml_reader import read_robot
 from symid.simulation.experiment import ExperimentOptions, simulate_experiment
 from symid.simulation.sensors import SensorOptions
 
@@ -59,7 +58,7 @@ def recording(record):
 
 @pytest.fixture(scope="module")
 def loop(recording):
-    return build_loop(recording, GAINS, FREE)
+    return build_closed_loop(recording, GAINS, FREE)
 
 
 def list_truth(library):
@@ -87,7 +86,7 @@ def test_the_truth_comes_back_from_values_a_fifth_too_large(recording, loop, lib
 def test_noise_of_torque_and_encoder_leaves_a_percent(record, library):
     noisy = record(3, SensorOptions(counts_per_turn=2.0**20, torque_noise=(0.05,)))
     start = {name: 1.2 * value for name, value in list_truth(library).items()}
-    found = fit_output_error(library, [noisy], [build_loop(noisy, GAINS, FREE)], PROCESSING, start)
+    found = fit_output_error(library, [noisy], [build_closed_loop(noisy, GAINS, FREE)], PROCESSING, start)
     inertial, friction = find_errors(library, found.fit.values)
     assert inertial < 0.01
     assert friction < 0.03
@@ -100,7 +99,9 @@ def test_noise_of_torque_and_encoder_leaves_a_percent(record, library):
 def test_a_controller_with_another_velocity_shows_in_friction_first(recording, library):
     start = list_truth(library)
     other = replace(GAINS, velocity_source="sensor", velocity_filter=None)
-    found = fit_output_error(library, [recording], [build_loop(recording, other, FREE)], PROCESSING, start)
+    found = fit_output_error(
+        library, [recording], [build_closed_loop(recording, other, FREE)], PROCESSING, start
+    )
     inertial, friction = find_errors(library, found.fit.values)
     assert 1e-3 < inertial < 0.01
     assert inertial < friction < 0.03
@@ -124,7 +125,7 @@ def test_several_runs_count_by_their_weights(record, robot, library):
     noisy = SensorOptions(counts_per_turn=None, torque_noise=(0.3,))
     good = replace(record(3), run=RunSettings(file="good.npz", weight=1e4))
     bad = replace(record(4, noisy), run=RunSettings(file="bad.npz"))
-    weights = find_weights([good, bad])
+    weights = get_run_weights([good, bad])
     apart, together, heeded = (
         identify_output_error(robot, library, logs, weights=how)
         for logs, how in (([bad], None), ([good, bad], None), ([good, bad], weights))

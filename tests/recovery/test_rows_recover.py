@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from symid.estimators.regression import fit_ols, fit_wls
-from symid.identification.identify import identify_parameters
-from symid.robot.log_map import Decimation, Processing
-from symid.rows.identifiability import find_identifiability
-from symid.rows.rows import ROW_KINDS, build_rows, stack_rows
+from symid.identification.estimators.least_squares import fit_ols, fit_wls
+from symid.identification.regression.equations import ROW_KINDS, build_rows, stack_rows
+from symid.identification.regression.identifiability import analyse_identifiability
+from symid.identification.rigid.fit import identify_parameters
+from symid.robot.description import Decimation, Processing
 from tests.recovery.closed_form import (
     ONE_AXIS_TRUTH,
     TWO_LINK_TRUTH,
@@ -22,7 +22,7 @@ PLAIN = Processing()
 
 
 def fit(rows, estimator=fit_ols):
-    return estimator(rows, find_identifiability(rows))
+    return estimator(rows, analyse_identifiability(rows))
 
 
 @pytest.mark.parametrize("estimator", [fit_ols, fit_wls])
@@ -55,7 +55,7 @@ def test_standard_deviations_cover_the_truth_as_often_as_they_say(kind):
     hits = np.zeros(2)
     runs = 200
     rows = build_rows(kind, library, clean, PLAIN)
-    seen = find_identifiability(rows)
+    seen = analyse_identifiability(rows)
     for _ in range(runs):
         noisy = clean.tau + rng.normal(0.0, 0.3, clean.tau.shape)
         signals = type(clean)(

@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from symid.data.filters import differentiate
-from symid.elastic.covariance import find_bound
-from symid.elastic.signals import ElasticSignals
-from symid.elastic.spring_bound import find_spring_bound
+from symid.identification.elastic.regression import ElasticSignals
+from symid.identification.elastic.uncertainty import compute_elimination_bound, compute_spring_bound
+from symid.logs.signals import differentiate
 from symid.robot.elasticity import Stop
 from tests.recovery.elastic_runs import find_truth, prepare_arm, run_arm
 
@@ -43,7 +42,7 @@ def test_the_scale_of_links_and_springs_is_all_that_exact_links_leave_open(arm, 
     """With it, rotors and friction: six numbers of the motor equations, a plain least-squares problem."""
     _, library = arm
     signals = read_states(run)
-    bound = find_spring_bound(library, [signals], [SIGMA])
+    bound = compute_spring_bound(library, [signals], [SIGMA])
     truth, beta = find_truth(library), len(library.card.beta)
     (momentum,) = library.evaluate("momentum_regressor", run.q, run.dq)
     (lagrange,) = library.evaluate("lagrange_regressor", run.q, run.dq)
@@ -63,11 +62,13 @@ def test_the_scale_of_links_and_springs_is_all_that_exact_links_leave_open(arm, 
 def test_who_knows_the_form_can_do_better_and_noise_scales_the_bound(arm, run):
     _, library = arm
     signals = read_states(run)
-    known, unknown = (find(library, [signals], [SIGMA]) for find in (find_spring_bound, find_bound))
+    known, unknown = (
+        find(library, [signals], [SIGMA]) for find in (compute_spring_bound, compute_elimination_bound)
+    )
     assert np.all(np.diag(known) < np.diag(unknown))
-    twice = find_spring_bound(library, [signals], [2.0 * SIGMA])
+    twice = compute_spring_bound(library, [signals], [2.0 * SIGMA])
     np.testing.assert_allclose(twice, 4.0 * known, rtol=1e-6, atol=1e-12 * np.abs(known).max())
-    again = find_spring_bound(library, [signals, signals], [SIGMA, SIGMA])
+    again = compute_spring_bound(library, [signals, signals], [SIGMA, SIGMA])
     np.testing.assert_allclose(again, known / 2.0, rtol=1e-5, atol=1e-9 * np.abs(known).max())
 
 
@@ -83,8 +84,8 @@ def test_stops_that_never_slip_leave_the_links_as_they_are(arm, run):
         )
         for spring in library.card.elasticity
     )
-    known = find_spring_bound(library, [signals], [SIGMA])
-    more = find_spring_bound(_Library(library, far), [signals], [SIGMA])
+    known = compute_spring_bound(library, [signals], [SIGMA])
+    more = compute_spring_bound(_Library(library, far), [signals], [SIGMA])
     np.testing.assert_allclose(np.diag(more), np.diag(known), rtol=1e-3, atol=1e-12)
 
 

@@ -7,9 +7,9 @@ import pytest
 
 from symid.codegen.cache import prepare_library
 from symid.excitation.trajectories import FourierOptions, build_random_fourier
-from symid.formats.toml import read_robot
-from symid.identification.identify import identify_parameters
-from symid.robot.log_map import Processing
+from symid.identification.rigid.fit import identify_parameters
+from symid.robot.description import Processing
+from symid.robot.toml_reader import read_robot
 from symid.simulation.experiment import ExperimentOptions, simulate_experiment
 from symid.simulation.sensors import SensorOptions
 

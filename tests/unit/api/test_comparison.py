@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import symid
-from symid.api.comparison import compare_fit
+from symid.api.validation import compare_fit
 from symid.errors import EstimateError, Notice, UsageError
-from symid.identification.storage import write_estimate
+from symid.identification.rigid.storage import write_estimate
 from tests.estimates import STD, build_estimate
 
 

@@ -6,8 +6,7 @@ import pytest
 import symid
 from symid.cli.main import run
 from symid.errors import OutputError, UsageError
-from symid.excitation.named import build_motion
-from symid.excitation.trajectory_file import read_trajectory
+from symid.excitation.reference_motion import build_motion, read_trajectory
 
 
 @pytest.fixture(scope="module")

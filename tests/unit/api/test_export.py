@@ -5,17 +5,16 @@ import pinocchio as pin
 import pytest
 
 import symid
-from symid.api.export import export_fit
+from symid.api.robot_files import export_fit
+from symid.dynamics.base_parameters import compute_parameter_values, derive_base_parameters
 from symid.errors import UsageError
-from symid.identification.storage import write_estimate
-from symid.parameters.base import find_base_parameters
-from symid.parameters.values import find_parameter_values
+from symid.identification.rigid.storage import write_estimate
 from tests.estimates import build_estimate, fill_robot
 
 
 def list_values(robot):
     """Return the values of base and friction parameters that a robot file states, by name."""
-    return dict(find_parameter_values(robot, find_base_parameters(robot)))
+    return dict(compute_parameter_values(robot, derive_base_parameters(robot)))
 
 
 def test_a_fit_in_memory_becomes_the_file_that_its_own_file_becomes(tmp_path):

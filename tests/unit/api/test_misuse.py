@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import symid
-from symid.elastic.options import ElasticOptions
-from symid.json_text import write_json
+from symid.identification.elastic.options import ElasticOptions
+from symid.serialization import write_json
 
 PROJECT = Path(__file__).parents[3]
 

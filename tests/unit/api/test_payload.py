@@ -8,7 +8,7 @@ import pytest
 
 import symid
 from symid.errors import UsageError
-from symid.robot.inertia import find_standard_parameters
+from symid.robot.inertia import compute_standard_parameters
 from tests.estimates import build_estimate
 
 MASS, CENTRE, INERTIA = 1.5, (0.03, -0.02, 0.09), (0.004, 0.0003, -0.0002, 0.005, 0.0001, 0.003)
@@ -21,7 +21,7 @@ def robot():
 
 def carry(robot):
     """Return the description of the robot with the payload in its last link frame."""
-    body = find_standard_parameters(MASS, CENTRE, INERTIA)
+    body = compute_standard_parameters(MASS, CENTRE, INERTIA)
     last = robot.joints[-1]
     total = tuple(a + b for a, b in zip(last.inertial, body, strict=True))
     return dataclasses.replace(robot, joints=(*robot.joints[:-1], dataclasses.replace(last, inertial=total)))

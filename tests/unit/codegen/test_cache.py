@@ -16,16 +16,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from symid.codegen import cache as cache_module
-from symid.codegen import compiler as compiler_module
-from symid.codegen.cache import find_cache_folder, find_library_key, prepare_library
-from symid.codegen.cache_folder import find_distrust, make_temporary_folder
-from symid.codegen.compiler import Compiler, compile_sources, find_compiler, find_processor
+from symid.codegen import cache as cache_module, compiler as compiler_module
+from symid.codegen.cache import (
+    compute_library_key,
+    describe_entry_risk,
+    locate_cache_folder,
+    make_temporary_folder,
+    prepare_library,
+)
+from symid.codegen.compiler import Compiler, compile_sources, locate_compiler, read_processor
 from symid.errors import GenerationError, OutputError
-from symid.formats.toml import read_robot
-from symid.robot.description import Limits
+from symid.robot.description import Limits, Processing
 from symid.robot.elasticity import Elasticity
-from symid.robot.log_map import Processing
+from symid.robot.toml_reader import read_robot
 
 NAMES = ("mass_matrix", "friction")
 
@@ -73,19 +76,19 @@ def test_an_entry_with_a_foreign_file_is_made_again(robot, tmp_path, c_compiler)
 
 def test_the_key_sees_what_matters_and_nothing_else(robot):
     compiler = Compiler(path="/x/cc", version="cc 1")
-    key = find_library_key(robot, None, compiler)
-    assert key == find_library_key(replace(robot, processing=Processing(drop_first=7)), None, compiler)
-    assert key == find_library_key(replace(robot, path="elsewhere", description="x"), None, compiler)
+    key = compute_library_key(robot, None, compiler)
+    assert key == compute_library_key(replace(robot, processing=Processing(drop_first=7)), None, compiler)
+    assert key == compute_library_key(replace(robot, path="elsewhere", description="x"), None, compiler)
     limited = replace(robot.joints[0], limits=Limits(torque=3.0))
-    assert key == find_library_key(replace(robot, joints=(limited, *robot.joints[1:])), None, compiler)
+    assert key == compute_library_key(replace(robot, joints=(limited, *robot.joints[1:])), None, compiler)
     elastic = replace(robot.joints[0], elasticity=Elasticity(stiffness=1e4))
     others = [
-        find_library_key(replace(robot, name="other"), None, compiler),
-        find_library_key(robot, NAMES, compiler),
-        find_library_key(robot, None, None),
-        find_library_key(robot, None, replace(compiler, version="cc 2")),
-        find_library_key(robot, None, replace(compiler, flags=("-O3",))),
-        find_library_key(replace(robot, joints=(elastic, *robot.joints[1:])), None, compiler),
+        compute_library_key(replace(robot, name="other"), None, compiler),
+        compute_library_key(robot, NAMES, compiler),
+        compute_library_key(robot, None, None),
+        compute_library_key(robot, None, replace(compiler, version="cc 2")),
+        compute_library_key(robot, None, replace(compiler, flags=("-O3",))),
+        compute_library_key(replace(robot, joints=(elastic, *robot.joints[1:])), None, compiler),
     ]
     assert len({key, *others}) == 7
 
@@ -105,7 +108,7 @@ import sys
 import tempfile
 from pathlib import Path
 from symid.codegen.cache import prepare_library
-from symid.formats.toml import read_robot
+from symid.robot.toml_reader import read_robot
 library = prepare_library(read_robot(Path(sys.argv[1])), names=("mass_matrix",), cache=Path(sys.argv[2]))
 print(library.evaluate("mass_matrix", [0.0], [3.0])[0][0, 0])
 print(*(notice.code for notice in library.notices))
@@ -156,47 +159,47 @@ def test_a_folder_that_cannot_be_made_is_said(robot, tmp_path):
 
 def test_the_folder_follows_the_xdg_specification(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert find_cache_folder() == tmp_path / "symid"
+    assert locate_cache_folder() == tmp_path / "symid"
     monkeypatch.setenv("XDG_CACHE_HOME", "relative")
-    assert find_cache_folder() == Path.home() / ".cache" / "symid"
+    assert locate_cache_folder() == Path.home() / ".cache" / "symid"
 
 
 def test_the_compilers_message_reaches_the_reader(tmp_path, c_compiler):
     source = tmp_path / "bad.c"
     source.write_text("int f(void) { return missing; }\n")
-    compiler = find_compiler(c_compiler)
+    compiler = locate_compiler(c_compiler)
     with pytest.raises(GenerationError, match="missing") as caught:
         compile_sources(compiler, [source], tmp_path / "x.so")
     assert caught.value.notices[0].code == "codegen.compiler-failed"
     assert f"{c_compiler} -std=c99" in str(caught.value)
     assert not (tmp_path / "x.so").exists()
-    assert find_compiler("no-such-compiler") is None
+    assert locate_compiler("no-such-compiler") is None
 
 
 def test_the_key_sees_of_the_robot_what_its_functions_depend_on(robot):
     compiler = Compiler(path="/x/cc", version="cc 1")
-    key = find_library_key(robot, None, compiler)
+    key = compute_library_key(robot, None, compiler)
     (joint,) = robot.joints
 
     def find_key(**changes):
-        return find_library_key(replace(robot, joints=(replace(joint, **changes),)), None, compiler)
+        return compute_library_key(replace(robot, joints=(replace(joint, **changes),)), None, compiler)
 
     assert find_key(limits=Limits(velocity=3.5)) == key
     assert find_key(drive=replace(joint.drive, torque_constant=7.0)) == key
-    assert find_library_key(replace(robot, source="a paper", notices=()), None, compiler) == key
+    assert compute_library_key(replace(robot, source="a paper", notices=()), None, compiler) == key
     assert find_key(name="another") != key
     assert find_key(drive=replace(joint.drive, has_rotor=not joint.drive.has_rotor)) != key
 
 
 @pytest.mark.parametrize("what", ["machine", "system"])
 def test_the_key_sees_the_machine(robot, monkeypatch, what):
-    key = find_library_key(robot, None, None)
+    key = compute_library_key(robot, None, None)
     monkeypatch.setattr(platform, what, lambda: "another")
-    assert find_library_key(robot, None, None) != key
+    assert compute_library_key(robot, None, None) != key
 
 
 def test_the_key_sees_the_modules_outside_the_rooms(monkeypatch):
-    paths = {path for path, _ in cache_module._find_code_bytes()}
+    paths = {path for path, _ in cache_module._read_code_bytes()}
     assert {"notation.py", "arrays.py", "provenance.py", "codegen/cache.py"} <= paths
 
 
@@ -221,7 +224,7 @@ def test_a_user_without_a_home_gets_a_temporary_cache(robot, tmp_path, monkeypat
     monkeypatch.delenv("XDG_CACHE_HOME")
     monkeypatch.setattr(Path, "home", fail)
     monkeypatch.setattr(tempfile, "gettempdir", lambda: str(tmp_path))
-    assert find_cache_folder() == tmp_path / f"symid-{os.getuid()}"
+    assert locate_cache_folder() == tmp_path / f"symid-{os.getuid()}"
     assert [notice.code for notice in prepare(robot, None)[0].notices][:1] == ["codegen.cache-temporary"]
 
 
@@ -315,7 +318,7 @@ def test_processes_that_find_the_same_damage_all_get_a_library(robots_folder, tm
         said.append(out.splitlines()[1])
     assert "codegen.cache-rebuilt" in said
     assert [path.name for path in tmp_path.iterdir()] == [entry.name]
-    assert cache_module._find_damage(entry, json.loads((entry / "seal.json").read_text())["key"]) == ""
+    assert cache_module._describe_damage(entry, json.loads((entry / "seal.json").read_text())["key"]) == ""
 
 
 def test_a_process_that_is_killed_leaves_no_entry(robots_folder, tmp_path, project, c_compiler, monkeypatch):
@@ -422,17 +425,17 @@ def test_what_others_may_have_written_is_not_loaded(robot, tmp_path, c_compiler,
 def test_what_belongs_to_another_user_is_not_loaded(robot, tmp_path, c_compiler, monkeypatch):
     prepare(robot, tmp_path)
     (entry,) = tmp_path.iterdir()
-    assert find_distrust(entry) == ""
+    assert describe_entry_risk(entry) == ""
     user = os.getuid()
     monkeypatch.setattr(os, "getuid", lambda: user + 1)
-    assert find_distrust(entry) == "it belongs to another user"
+    assert describe_entry_risk(entry) == "it belongs to another user"
     with pytest.raises(OutputError, match="belongs to another user") as caught:
         prepare(robot, tmp_path)
     assert caught.value.notices[0].code == "output.cache"
     # As on a system without owners.
     monkeypatch.delattr(os, "getuid")
     entry.chmod(0o777)
-    assert find_distrust(entry) == ""
+    assert describe_entry_risk(entry) == ""
 
 
 def test_a_folder_in_which_others_can_replace_entries_is_not_used(robot, tmp_path, c_compiler):
@@ -477,10 +480,10 @@ def test_the_key_names_the_processor_that_code_is_made_for(robot, tmp_path, monk
     monkeypatch.setattr(compiler_module, "_PROCESSORS", told)
 
     def find_key():
-        return find_library_key(robot, None, find_compiler(c_compiler, native=True))
+        return compute_library_key(robot, None, locate_compiler(c_compiler, native=True))
 
     write_processors(told)
-    assert find_processor() == "flags: fpu avx2\nmodel name: X 1"
+    assert read_processor() == "flags: fpu avx2\nmodel name: X 1"
     key = find_key()
     write_processors(told, speed="800.0")
     assert find_key() == key
@@ -489,9 +492,9 @@ def test_the_key_names_the_processor_that_code_is_made_for(robot, tmp_path, monk
     # Without what it can do, a processor is not known: no code is made for it.
     for text in ("processor: 0\nmodel name: X 1\n", ""):
         told.write_text(text)
-        assert find_compiler(c_compiler, native=True) == find_compiler(c_compiler)
+        assert locate_compiler(c_compiler, native=True) == locate_compiler(c_compiler)
     told.unlink()
-    assert find_compiler(c_compiler, native=True) == find_compiler(c_compiler)
+    assert locate_compiler(c_compiler, native=True) == locate_compiler(c_compiler)
 
 
 def write_compiler(folder, c_compiler, refused):
@@ -513,7 +516,7 @@ def test_code_is_made_for_the_processor_where_the_compiler_can(tmp_path, c_compi
     command = str(write_compiler(tmp_path, c_compiler, refused))
     for native in (True, False):
         (tmp_path / "said").unlink(missing_ok=True)
-        compile_sources(find_compiler(command, native=native), [source], tmp_path / "one.so")
+        compile_sources(locate_compiler(command, native=native), [source], tmp_path / "one.so")
         (asked,) = (line for line in (tmp_path / "said").read_text().splitlines() if "one.c" in line)
         assert ("-march=native" in asked) == (native and not refused)
         assert "-ffp-contract=off" in asked
@@ -523,7 +526,7 @@ def test_code_is_made_for_the_processor_where_the_compiler_can(tmp_path, c_compi
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 def test_code_for_the_processor_gives_the_same_bytes(robots_folder, tmp_path, compiler):
     """No product is fused with a sum, whatever the processor can do."""
-    if find_compiler(compiler) is None:
+    if locate_compiler(compiler) is None:
         pytest.skip(f"wants {compiler}")
     robot, rng = read_robot(robots_folder / "puma560.toml"), np.random.default_rng(8)
     q, dq, ddq = rng.uniform(-1, 1, (3, 64, 6))

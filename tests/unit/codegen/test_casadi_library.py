@@ -8,10 +8,10 @@ import pytest
 from symid.codegen import cache as cache_module
 from symid.codegen.cache import prepare_library
 from symid.codegen.casadi_functions import build_functions
-from symid.codegen.describe import prepare_material
-from symid.codegen.options import GenerateOptions
+from symid.codegen.material import prepare_material
+from symid.codegen.source_text import GenerateOptions
 from symid.errors import GenerationError, UsageError
-from symid.formats.toml import read_robot
+from symid.robot.toml_reader import read_robot
 
 BACKENDS = ("c", "python", "casadi")
 # Chains, a tree with coupled drives, springs with stops and knees; of large robots a few functions.

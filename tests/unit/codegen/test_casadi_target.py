@@ -11,14 +11,13 @@ import numpy as np
 import pytest
 
 from symid.codegen import compiler as compiler_module
-from symid.codegen.backends import import_module
 from symid.codegen.casadi_functions import build_functions
-from symid.codegen.casadi_target import generate_casadi
-from symid.codegen.library import load_library
-from symid.codegen.selftest import run_selftest
-from symid.codegen.writer import read_manifest, write_sources
+from symid.codegen.generation import run_selftest
+from symid.codegen.library import import_generated_module, load_library
+from symid.codegen.python_targets import generate_casadi_target
+from symid.codegen.source_folder import read_manifest, write_sources
 from symid.errors import GenerationError, UsageError
-from symid.formats.toml import read_robot
+from symid.robot.toml_reader import read_robot
 
 # Of a large robot, functions of each kind: with a Jacobian and without, vectors and matrices.
 FEW = ("forward_kinematics", "inverse_dynamics", "torque_regressor")
@@ -34,7 +33,7 @@ def folders(project, tmp_path_factory):
     root = tmp_path_factory.mktemp("casadi")
     for name, names in ROBOTS.items():
         functions = build_functions(read_robot(project / "robots" / f"{name}.toml"), names=names)
-        write_sources(generate_casadi(functions), root / name)
+        write_sources(generate_casadi_target(functions), root / name)
     return root
 
 
@@ -124,8 +123,8 @@ def test_same_bytes_whatever_the_hash_seed_and_the_folder(project, tmp_path):
     script = (
         "import sys, hashlib; from pathlib import Path\n"
         "from symid.codegen.casadi_functions import build_functions\n"
-        "from symid.codegen.casadi_target import generate_casadi\n"
-        "from symid.formats.toml import read_robot\n"
+        "from symid.codegen.python_targets import generate_casadi\n"
+        "from symid.robot.toml_reader import read_robot\n"
         "made = generate_casadi(build_functions(read_robot(Path(sys.argv[1]))))\n"
         "texts = [text for pair in (*made.files, ('m', made.manifest)) for text in pair]\n"
         "print(hashlib.sha256('|'.join(texts).encode()).hexdigest())\n"
@@ -151,7 +150,7 @@ def test_same_bytes_whatever_the_hash_seed_and_the_folder(project, tmp_path):
 
 @pytest.fixture(scope="module")
 def loader(built):
-    return import_module(built / "two_link_elastic" / "symid_two_link_elastic_casadi.py")
+    return import_generated_module(built / "two_link_elastic" / "symid_two_link_elastic_casadi.py")
 
 
 def test_the_loader_says_what_goes_in_and_out(loader):
@@ -187,7 +186,7 @@ def test_an_external_function_has_derivatives(loader):
 def test_a_library_built_before_the_sources_is_refused_until_it_is_built_again(copy, project, c_compiler):
     assert load_library(copy).backend == "casadi"
     robot = read_robot(project / "robots" / "two_link_elastic.toml")
-    write_sources(generate_casadi(build_functions(robot, names=("gravity", "mass_matrix"))), copy)
+    write_sources(generate_casadi_target(build_functions(robot, names=("gravity", "mass_matrix"))), copy)
     with pytest.raises(UsageError, match="built from other sources") as caught:
         load_library(copy)
     assert caught.value.notices[0].code == "usage.stale-library"

@@ -6,8 +6,7 @@ import subprocess
 
 import pytest
 
-from symid.codegen.code_size import STACK_FLAG, find_code_sizes
-from symid.codegen.object_file import read_object_file
+from symid.codegen.compiler import STACK_FLAG, measure_code_sizes, read_object_file
 
 SOURCE = """
 #include <math.h>
@@ -59,7 +58,7 @@ def test_sizes_are_those_of_nm(folder):
 
 
 def test_sizes_of_a_function(folder):
-    sizes = find_code_sizes(folder, "symid_x", ("f", "g"))
+    sizes = measure_code_sizes(folder, "symid_x", ("f", "g"))
     assert list(sizes) == ["f"]
     size = sizes["f"]
     assert min(size.code, size.batch_code, size.constants) > 0
@@ -67,17 +66,17 @@ def test_sizes_of_a_function(folder):
     assert size.stack is not None
     assert size.batch_stack is not None
     assert 320 <= size.stack <= size.batch_stack < 2000
-    assert find_code_sizes(folder, "symid_x", ("f",)) == sizes
+    assert measure_code_sizes(folder, "symid_x", ("f",)) == sizes
 
 
 def test_without_what_the_compiler_says_of_the_stack_there_is_none(folder):
     usage = folder / "symid_x_f.su"
     for text in ("nonsense", "x.c:1:1:symid_x_f\t16\tdynamic\n"):
         usage.write_text(text)
-        size = find_code_sizes(folder, "symid_x", ("f",))["f"]
+        size = measure_code_sizes(folder, "symid_x", ("f",))["f"]
         assert (size.stack, size.batch_stack) == (None, None)
     usage.unlink()
-    assert find_code_sizes(folder, "symid_x", ("f",))["f"].stack is None
+    assert measure_code_sizes(folder, "symid_x", ("f",))["f"].stack is None
 
 
 def test_what_is_no_object_file_gives_nothing(folder):
@@ -85,7 +84,7 @@ def test_what_is_no_object_file_gives_nothing(folder):
     for broken in (b"", b"\x7fELF", b"MZ" + content[2:], content[:100], content[:4] + b"\7" + content[5:]):
         assert read_object_file(broken) is None
     (folder / "symid_x_f.o").write_bytes(content[:100])
-    assert find_code_sizes(folder, "symid_x", ("f",)) == {}
+    assert measure_code_sizes(folder, "symid_x", ("f",)) == {}
 
 
 def test_32_bits_and_the_other_order_of_bytes():

@@ -7,17 +7,17 @@ import pytest
 
 from symid.codegen.c_library import generate_c_library
 from symid.codegen.casadi_functions import build_functions
-from symid.codegen.compiler import find_compiler
-from symid.codegen.instructions import count_operations
-from symid.codegen.options import GenerateOptions
-from symid.codegen.writer import write_sources
+from symid.codegen.compiler import locate_compiler
+from symid.codegen.programs import count_operations
+from symid.codegen.source_folder import write_sources
+from symid.codegen.source_text import GenerateOptions
+from symid.environment import locate_resource_folder
 from symid.errors import UsageError
-from symid.formats.toml import read_robot
-from symid.resources import find_resource_folder
+from symid.robot.toml_reader import read_robot
 from tests.chains import run_program
 
-ROBOTS = find_resource_folder("robots")
-COMPILER = find_compiler()
+ROBOTS = locate_resource_folder("robots")
+COMPILER = locate_compiler()
 
 
 def find_values(card):

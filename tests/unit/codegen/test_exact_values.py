@@ -7,13 +7,12 @@ import mpmath
 import numpy as np
 import pytest
 
-from symid.codegen.casadi_functions import build_functions
-from symid.codegen.exact_values import compute_exact
+from symid.codegen.casadi_functions import build_functions, read_sx_program
 from symid.codegen.functions import FunctionSpec, Port
-from symid.codegen.instructions import Op
-from symid.codegen.program import build_program
+from symid.codegen.programs import Op
+from symid.codegen.references import compute_exact_outputs
 from symid.errors import GenerationError
-from symid.formats.toml import read_robot
+from symid.robot.toml_reader import read_robot
 
 RULES = {
     Op.ADD: lambda a, b: a + b,
@@ -60,7 +59,7 @@ def make_exact(values):
 
 
 def compare(program, inputs, states):
-    exact = compute_exact(program, [make_exact(values) for values in inputs], states)
+    exact = compute_exact_outputs(program, [make_exact(values) for values in inputs], states)
     with mpmath.workdps(80):
         for k in range(states):
             wanted = compute_with_mpmath(program, [v if v.ndim == 1 else v[k] for v in inputs])
@@ -77,7 +76,7 @@ def make_program(x, y):
         outputs=(Port(name="y", shape=(y.numel(),), unit="1", meaning="y"),),
         meaning="a toy",
     )
-    return build_program(ca.Function("toy", [x], [y], ["x"], ["y"]), spec)
+    return read_sx_program(ca.Function("toy", [x], [y], ["x"], ["y"]), spec)
 
 
 @pytest.mark.parametrize("name", ["mass_matrix", "forward_dynamics", "torque_regressor", "friction"])
@@ -117,5 +116,5 @@ def test_every_operation():
 def test_what_has_no_value_is_refused(build):
     x = ca.SX.sym("x", 1)
     with pytest.raises(GenerationError) as caught:
-        compute_exact(make_program(x, build(x)), [make_exact(np.array([[0.5]]))], 1)
+        compute_exact_outputs(make_program(x, build(x)), [make_exact(np.array([[0.5]]))], 1)
     assert caught.value.notices[0].code == "codegen.no-reference"

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from symid.codegen.folder_lock import lock_folder
+from symid.codegen.source_folder import lock_folder
 
 
 def test_one_at_a_time_and_nothing_is_left(tmp_path):
@@ -59,7 +59,7 @@ def test_it_is_given_back_after_an_error(tmp_path):
 HOLD = """
 import sys, time
 from pathlib import Path
-from symid.codegen.folder_lock import lock_folder
+from symid.codegen.source_folder import lock_folder
 with lock_folder(Path(sys.argv[1]), lambda: None):
     print("locked", flush=True)
     time.sleep(60)

@@ -7,17 +7,18 @@ import mpmath
 import numpy as np
 import pytest
 
-from symid.codegen.friction_state import build_step_program, write_friction_state
-from symid.codegen.instructions import count_operations
-from symid.joint.friction_dynamic import (
+from symid.codegen.c_friction import build_step_program, generate_friction_state
+from symid.codegen.programs import count_operations
+from symid.joint_models.dynamic_friction import (
     DYNAMIC_LAWS,
-    find_bristle_rate,
-    find_bristle_step,
-    find_largest_level,
+    build_held_path,
+    compute_bristle_rate,
+    compute_bristle_step,
+    compute_largest_level,
     get_dynamic_law,
+    simulate_dynamic_friction,
 )
-from symid.joint.friction_dynamic_run import build_held_path, find_dynamic_run
-from symid.joint.friction_law import OperatorFriction, build_float_carrier
+from symid.joint_models.friction_law import OperatorFriction, build_float_carrier
 
 STRICT = ("-std=c99", "-fPIC", "-O2", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow")
 STRICT += ("-Wdouble-promotion", "-Wmissing-prototypes", "-Werror")
@@ -30,7 +31,7 @@ class Compiled:
     """The functions of a law in C, called with numbers."""
 
     def __init__(self, folder, compiler, name, precision="double"):
-        for file, text in write_friction_state(get_dynamic_law(name), precision=precision):
+        for file, text in generate_friction_state(get_dynamic_law(name), precision=precision):
             (folder / file).write_text(text)
         stem = f"symid_friction_{name}"
         target = folder / "friction.so"
@@ -58,7 +59,7 @@ def find_largest_terms(law, values, velocity, before):
     floats = build_float_carrier()
     state = max(abs(before), law.level(floats, velocity, values) / values[0])
     damping, viscous = law.damping(floats, values)
-    share = find_bristle_rate(floats, law, velocity, state, values) - velocity
+    share = compute_bristle_rate(floats, law, velocity, state, values) - velocity
     return state, max(map(abs, (values[0] * state, damping * velocity, damping * share, viscous * velocity)))
 
 
@@ -85,14 +86,14 @@ def test_an_evaluation_agrees_with_numpy_and_with_mpmath(tmp_path, c_compiler, n
             velocity = float(size * generator.choice([-1.0, 1.0]))
             period = float(10.0 ** generator.uniform(-5, 0))
             assert compiled.begin(values) == OK
-            before = float(generator.uniform(-1.0, 1.0)) * find_largest_level(law, values) / values[0]
+            before = float(generator.uniform(-1.0, 1.0)) * compute_largest_level(law, values) / values[0]
             compiled.state[compiled.count] = before
             code, after, torque = compiled.move(velocity, period)
             assert code == OK
             held = (mpmath.mpf(velocity), mpmath.mpf(period))
-            wanted = find_bristle_step(precise, law, held, mpmath.mpf(before), exact)
+            wanted = compute_bristle_step(precise, law, held, mpmath.mpf(before), exact)
             path = build_held_path(np.array([velocity]), period)
-            run = find_dynamic_run(law, values, path, state=before)
+            run = simulate_dynamic_friction(law, values, path, state=before)
             largest = find_largest_terms(law, values, velocity, before)
             for found, array, goal, term in zip(
                 (after, torque), (run.state[0], run.torque[0]), wanted, largest, strict=True
@@ -109,7 +110,7 @@ def test_a_run_agrees_with_numpy(tmp_path, c_compiler, name):
     # Presliding, reversals, slip and standstill.
     velocity = 0.05 * np.sin(3.0 * time) * np.sin(0.31 * time) + 0.003 * np.sin(40.0 * time)
     velocity[20_000:21_000] = 0.0
-    run = find_dynamic_run(law, values, build_held_path(velocity, 1e-3))
+    run = simulate_dynamic_friction(law, values, build_held_path(velocity, 1e-3))
     assert compiled.begin(values) == OK
     moved = np.array([compiled.move(held, 1e-3) for held in velocity.tolist()])
     assert np.all(moved[:, 0] == OK)
@@ -122,7 +123,7 @@ def test_floats_compile_and_agree_to_their_precision(tmp_path, c_compiler, name)
     law, values = get_dynamic_law(name), VALUES[name]
     compiled = Compiled(tmp_path, c_compiler, name, "float")
     velocity = 0.05 * np.sin(3e-3 * np.arange(3000))
-    run = find_dynamic_run(law, values, build_held_path(velocity, 1e-3))
+    run = simulate_dynamic_friction(law, values, build_held_path(velocity, 1e-3))
     assert compiled.begin(values) == OK
     torque = [compiled.move(held, 1e-3)[2] for held in velocity.tolist()]
     assert np.abs(torque - run.torque).max() <= 1e-4 * np.abs(run.torque).max()
@@ -160,8 +161,8 @@ def test_what_cannot_be_used_is_refused_and_nothing_is_written(tmp_path, c_compi
 @LAWS
 def test_the_files_are_the_same_every_time_and_name_every_parameter(name):
     law = get_dynamic_law(name)
-    (header_name, header), (source_name, source) = files = write_friction_state(law)
-    assert files == write_friction_state(law)
+    (header_name, header), (source_name, source) = files = generate_friction_state(law)
+    assert files == generate_friction_state(law)
     assert (header_name, source_name) == (f"symid_friction_{name}.h", f"symid_friction_{name}.c")
     for parameter in law.parameters:
         assert f"double {parameter.name}; /**< {parameter.meaning}" in header

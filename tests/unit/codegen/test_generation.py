@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from symid.codegen.c_library import generate_c_library
-from symid.codegen.casadi_functions import Functions, build_functions
+from symid.codegen.casadi_functions import Functions, build_functions, read_sx_program
 from symid.codegen.functions import (
     FunctionSpec,
     JointCard,
@@ -20,12 +20,11 @@ from symid.codegen.functions import (
     write_model_card,
 )
 from symid.codegen.library import load_library
-from symid.codegen.options import GenerateOptions
-from symid.codegen.program import build_program
-from symid.codegen.python_module import generate_python_module
-from symid.codegen.writer import write_sources
+from symid.codegen.python_targets import generate_python_module
+from symid.codegen.source_folder import write_sources
+from symid.codegen.source_text import GenerateOptions
 from symid.errors import GenerationError, UsageError
-from symid.formats.toml import read_robot
+from symid.robot.toml_reader import read_robot
 
 WARNINGS = (
     "all",
@@ -386,7 +385,7 @@ def test_selection_and_comparison_are_alike_everywhere(tmp_path, c_compiler):
     joint = JointCard(number=1, name="a", kind="revolute", friction="none")
     card = ModelCard(robot="toy", signature="0", joints=(joint,), beta=(), friction=(), functions=(spec,))
     function = ca.Function("mix", [x], [y], ["x"], ["y"])
-    functions = Functions(card=card, programs=(build_program(function, spec),), functions=(function,))
+    functions = Functions(card=card, programs=(read_sx_program(function, spec),), functions=(function,))
     write_sources(generate_c_library(functions), tmp_path / "c")
     write_sources(generate_python_module(functions), tmp_path / "p")
     command = ["make", "-s", f"CC={c_compiler}", "CFLAGS=-Werror", "shared", "check"]

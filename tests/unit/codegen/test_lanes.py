@@ -10,20 +10,18 @@ import mpmath
 import numpy as np
 import pytest
 
-from symid.codegen.c_library import generate_c_library
+from symid.codegen.c_library import generate_c_library, write_simd_header
 from symid.codegen.casadi_functions import build_functions
-from symid.codegen.compiler import find_compiler
+from symid.codegen.compiler import locate_compiler
 from symid.codegen.functions import FunctionSpec, Port
-from symid.codegen.instructions import Op, Program
-from symid.codegen.lanes import write_lanes
-from symid.codegen.options import GenerateOptions
-from symid.codegen.printing_c import find_angles, print_c, print_lanes
-from symid.codegen.values import ValueTable
-from symid.codegen.writer import write_sources
-from symid.formats.toml import parse_robot, read_robot
-from symid.resources import find_resource_folder
+from symid.codegen.printing import group_angles, print_c, print_simd
+from symid.codegen.programs import ExpressionTable, Op, Program
+from symid.codegen.source_folder import write_sources
+from symid.codegen.source_text import GenerateOptions
+from symid.environment import locate_resource_folder
+from symid.robot.toml_reader import parse_robot, read_robot
 
-COMPILER = find_compiler()
+COMPILER = locate_compiler()
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="wants a C compiler: install gcc")
 WIDTHS = (1, 2, 4, 8)
 ONE_BY_ONE = ("-O2", "-DTEST_LANES=1", "-DTEST_ONE_BY_ONE")
@@ -50,7 +48,7 @@ void call(size_t n, const real *x, real *s, real *c)
 
 
 def build(folder: Path, precision: str, *flags: str):
-    (folder / "lanes.h").write_text(write_lanes("TEST", precision))
+    (folder / "lanes.h").write_text(write_simd_header("TEST", precision))
     (folder / "caller.h").write_text(f"typedef {precision} real;\n")
     (folder / "caller.c").write_text(CALLER)
     target = folder / f"lib{abs(hash(flags))}.so"
@@ -169,7 +167,7 @@ def test_relaxed_arithmetic_costs_some_digits_and_no_more(tmp_path, precision, a
 @needs_compiler
 @pytest.mark.parametrize("width", WIDTHS)
 def test_batches_of_every_width_agree_with_single_samples(tmp_path, width):
-    functions = build_functions(read_robot(find_resource_folder("robots") / "puma560.toml"))
+    functions = build_functions(read_robot(locate_resource_folder("robots") / "puma560.toml"))
     write_sources(generate_c_library(functions), tmp_path / "code")
     flags = f"-O1 -Wno-psabi -DSYMID_PUMA560_LANES={width}"
     done = subprocess.run(
@@ -182,7 +180,7 @@ def test_batches_of_every_width_agree_with_single_samples(tmp_path, width):
     assert done.stdout.endswith("0 of 15 functions failed\n"), done.stdout + done.stderr
 
 
-def build_program(table: ValueTable, *refs: int) -> Program:
+def build_program(table: ExpressionTable, *refs: int) -> Program:
     port = Port(name="y", shape=(len(refs),), unit="", meaning="")
     inputs = (Port(name="x", shape=(9,), unit="", meaning=""),)
     instructions, outputs = table.collect([list(refs)])
@@ -191,27 +189,27 @@ def build_program(table: ValueTable, *refs: int) -> Program:
 
 
 def test_angles_are_what_comes_from_inputs_alone():
-    table = ValueTable()
+    table = ExpressionTable()
     x, y = table.input(0, 0), table.input(0, 1)
     turned = table.add(y, table.constant(0.5))
     inner = table.apply(Op.SIN, x)
     program = build_program(
         table, table.apply(Op.SIN, inner), table.apply(Op.COS, turned), table.mul(x, inner)
     )
-    angles = find_angles(program)
+    angles = group_angles(program)
     assert list(angles.places.values()) == [0, 1]
     text = "\n".join(print_c(program, "double", together=True).statements)
     assert "EIGHT(x[0], t" in text
     assert " = sin(t" in text
     assert " = AT(cosines, 1);" in text
-    assert print_lanes(program, "double") == (), "a sine of a sine calls the library, one sample at a time"
+    assert print_simd(program, "double") == (), "a sine of a sine calls the library, one sample at a time"
 
 
 def test_programs_with_other_functions_have_no_block():
-    table = ValueTable()
+    table = ExpressionTable()
     x = table.input(0, 0)
-    assert print_lanes(build_program(table, table.apply(Op.TANH, x)), "double") == ()
-    assert print_lanes(build_program(table, table.mul(x, x)), "double") == (
+    assert print_simd(build_program(table, table.apply(Op.TANH, x)), "double") == ()
+    assert print_simd(build_program(table, table.mul(x, x)), "double") == (
         "const lanes x0 = GATHER(x + 9 * k, 9);",
         f"const lanes t{2} = x0 * x0;",
         "store_one(y + 1 * k, 1, t2);",
@@ -219,7 +217,7 @@ def test_programs_with_other_functions_have_no_block():
 
 
 def test_outputs_are_written_as_soon_as_they_are_there():
-    table = ValueTable()
+    table = ExpressionTable()
     x, y = table.input(0, 0), table.input(0, 1)
     first = table.mul(x, y)
     statements = print_c(build_program(table, first, table.mul(first, x), -y), "double").statements
@@ -233,7 +231,7 @@ def test_outputs_are_written_as_soon_as_they_are_there():
 
 
 def test_library_sines_are_calls(tmp_path):
-    functions = build_functions(read_robot(find_resource_folder("robots") / "two_link.toml"))
+    functions = build_functions(read_robot(locate_resource_folder("robots") / "two_link.toml"))
     own, library = (
         dict(generate_c_library(functions, GenerateOptions(trigonometry=kind)).files)
         for kind in ("own", "library")
@@ -247,7 +245,7 @@ def test_library_sines_are_calls(tmp_path):
 
 
 def test_lanes_of_another_precision_differ():
-    texts = [write_lanes("A", precision) for precision in TYPES]
+    texts = [write_simd_header("A", precision) for precision in TYPES]
     assert "sinf(" in texts[1]
     assert "sinf(" not in texts[0]
     assert replace(GenerateOptions(), precision="float").trigonometry == "own"

@@ -10,13 +10,12 @@ import pytest
 from symid.codegen.c_library import generate_c_library
 from symid.codegen.calls import check_outputs
 from symid.codegen.casadi_functions import build_functions
-from symid.codegen.casadi_target import generate_casadi
 from symid.codegen.library import load_library
-from symid.codegen.options import GenerateOptions
-from symid.codegen.python_module import generate_python_module
-from symid.codegen.writer import write_sources
+from symid.codegen.python_targets import generate_casadi_target, generate_python_module
+from symid.codegen.source_folder import write_sources
+from symid.codegen.source_text import GenerateOptions
 from symid.errors import GenerationError, UsageError
-from symid.formats.toml import read_robot
+from symid.robot.toml_reader import read_robot
 
 NAMES = ("gravity", "mass_matrix")
 
@@ -49,7 +48,7 @@ def library(request, made, tmp_path):
     if request.param == "c":
         return load_library(request.getfixturevalue("folder"))
     if request.param != "python":
-        write_sources(generate_casadi(made["two_link"]), tmp_path / "p")
+        write_sources(generate_casadi_target(made["two_link"]), tmp_path / "p")
         if request.param == "casadi":
             request.getfixturevalue("build")(tmp_path / "p", "shared")
         return load_library(tmp_path / "p")

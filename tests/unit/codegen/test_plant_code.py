@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from symid.codegen import plant_code
-from symid.codegen.plant_code import load_plant_code
-from symid.codegen.plant_orders import PlantLog, PlantOrder, PlantRobot
+from symid.codegen.plant_code import PlantExperiment, PlantLog, PlantRobot, load_plant_code
 from symid.errors import GenerationError, OutputError
 
 FIELDS = ("q", "dq", "theta", "dtheta", "spring", "torque", "work", "friction", "elastic", "damped")
@@ -97,7 +96,7 @@ def test_functions_without_addresses_are_refused(tmp_path, c_compiler):
         slope=none,
     )
     track = np.zeros((3, 1))
-    order = PlantOrder(
+    order = PlantExperiment(
         angle=track,
         speed=track,
         torque=track,

@@ -9,13 +9,13 @@ import pytest
 
 from symid.codegen.c_library import generate_c_library
 from symid.codegen.casadi_functions import build_functions
-from symid.codegen.instructions import Op
 from symid.codegen.library import load_library
-from symid.codegen.options import GenerateOptions
-from symid.codegen.python_module import generate_python_module
-from symid.codegen.reference import build_references
-from symid.codegen.writer import write_sources
-from symid.formats.toml import read_robot
+from symid.codegen.programs import Op
+from symid.codegen.python_targets import generate_python_module
+from symid.codegen.references import build_references
+from symid.codegen.source_folder import write_sources
+from symid.codegen.source_text import GenerateOptions
+from symid.robot.toml_reader import read_robot
 
 ROBOTS = ("two_link", "two_link_elastic", "scara")
 SAMPLES = 5

@@ -3,14 +3,12 @@
 import casadi as ca
 import pytest
 
+from symid.codegen.casadi_functions import read_sx_program
 from symid.codegen.functions import FunctionSpec, ModelCard, Port
-from symid.codegen.instructions import Op, Operations, Program, count_operations
-from symid.codegen.options import GenerateOptions
-from symid.codegen.printing_c import print_c
-from symid.codegen.program import build_program
-from symid.codegen.reference import build_references
-from symid.codegen.value_algebra import ValueAlgebra
-from symid.codegen.values import ValueTable
+from symid.codegen.printing import print_c
+from symid.codegen.programs import ExpressionTable, Op, Operations, Program, ValueAlgebra, count_operations
+from symid.codegen.references import build_references
+from symid.codegen.source_text import GenerateOptions
 from symid.errors import GenerationError
 
 
@@ -24,7 +22,7 @@ def build(expression, *, size=3, shape=None):
     spec = FunctionSpec(
         name="f", inputs=(port("x", size),), outputs=(port("y", *(shape or (y.numel(),))),), meaning="test"
     )
-    return build_program(ca.Function("f", [x], [y], ["x"], ["y"]), spec)
+    return read_sx_program(ca.Function("f", [x], [y], ["x"], ["y"]), spec)
 
 
 def ops(program):
@@ -50,7 +48,7 @@ def test_equal_expressions_are_computed_once():
 
 
 def test_what_no_output_needs_is_left_out():
-    table = ValueTable()
+    table = ExpressionTable()
     x = table.input(0, 0)
     table.apply(Op.SIN, x)
     instructions, outputs = table.collect([[-table.apply(Op.COS, x)]])
@@ -59,7 +57,7 @@ def test_what_no_output_needs_is_left_out():
 
 
 def test_zero_and_one_never_reach_the_code():
-    table = ValueTable()
+    table = ExpressionTable()
     x = table.input(0, 0)
     one, zero, two = (table.constant(value) for value in (1.0, 0.0, 2.0))
     assert table.mul(one, x) == x
@@ -94,7 +92,7 @@ def test_wrong_names_are_refused():
     x = ca.SX.sym("x")
     spec = FunctionSpec(name="f", inputs=(port("z", 1),), outputs=(port("y", 1),), meaning="test")
     with pytest.raises(GenerationError, match="the catalogue says") as caught:
-        build_program(ca.Function("f", [x], [x], ["x"], ["y"]), spec)
+        read_sx_program(ca.Function("f", [x], [x], ["x"], ["y"]), spec)
     assert caught.value.notices[0].code == "codegen.wrong-ports"
 
 
@@ -102,7 +100,7 @@ def test_mx_functions_are_refused():
     x = ca.MX.sym("x")
     spec = FunctionSpec(name="f", inputs=(port("x", 1),), outputs=(port("y", 1),), meaning="test")
     with pytest.raises(GenerationError, match="only SX functions") as caught:
-        build_program(ca.Function("f", [x], [x], ["x"], ["y"]), spec)
+        read_sx_program(ca.Function("f", [x], [x], ["x"], ["y"]), spec)
     assert caught.value.notices[0].code == "codegen.not-scalar"
 
 
@@ -117,7 +115,7 @@ def test_a_program_that_disagrees_with_casadi_is_refused():
 
 
 def test_what_was_added_is_taken_away_again():
-    table = ValueTable()
+    table = ExpressionTable()
     x, y = table.input(0, 0), table.input(0, 1)
     total, difference = table.add(x, y), table.add(x, -y)
     assert table.add(total, -y) == x
@@ -129,7 +127,7 @@ def test_what_was_added_is_taken_away_again():
 
 
 def test_constant_factors_are_put_together():
-    table = ValueTable()
+    table = ExpressionTable()
     x = table.input(0, 0)
     half, three = table.constant(0.5), table.constant(3.0)
     assert table.add(table.mul(half, x), table.mul(half, x)) == x
@@ -139,7 +137,7 @@ def test_constant_factors_are_put_together():
 
 
 def test_counting_equals_collecting():
-    table = ValueTable()
+    table = ExpressionTable()
     x, y = table.input(0, 0), table.input(0, 1)
     outputs = [table.mul(table.apply(Op.SIN, x), y), table.add(x, table.div(y, x))]
     table.mul(y, y)
@@ -150,7 +148,7 @@ def test_counting_equals_collecting():
 
 
 def test_there_is_one_zero():
-    table = ValueTable()
+    table = ExpressionTable()
     x, zero = table.input(0, 0), table.constant(0.0)
     algebra = ValueAlgebra(table)
     assert table.constant(-0.0) == algebra.neg(zero) == algebra.neg(table.mul(-x, zero)) == zero

@@ -14,13 +14,13 @@ from types import BuiltinFunctionType
 import numpy as np
 import pytest
 
+from symid.codegen.c_library import write_python_call
 from symid.codegen.cache import prepare_library
+from symid.codegen.calls import choose_call_path, load_extension
 from symid.codegen.functions import FunctionSpec, ModelCard, Port
 from symid.codegen.library import load_library
-from symid.codegen.python_call import find_call_path, load_calls
-from symid.codegen.python_call_source import write_python_call
 from symid.errors import GenerationError, UsageError
-from symid.formats.toml import read_robot
+from symid.robot.toml_reader import read_robot
 
 NAMES = ("gravity", "inverse_dynamics", "forward_kinematics", "mass_matrix", "energy")
 STRICT = (
@@ -300,10 +300,10 @@ def test_what_the_limited_api_cannot_serve_ctypes_does_and_says_why(
     library, project, tmp_path, monkeypatch, reason
 ):
     """A library that is made then has no extension module, and its entry is another one."""
-    wanted = find_call_path()
+    wanted = choose_call_path()
     assert (wanted.name.startswith("Python's limited API"), wanted.remedy) == (True, "")
     HIDE[reason](monkeypatch, str(tmp_path))
-    path = find_call_path()
+    path = choose_call_path()
     assert path.name.startswith("ctypes: ")
     assert reason in path.name
     assert path.flags == ()
@@ -350,7 +350,7 @@ def test_an_extension_module_that_does_not_load_is_an_error(tmp_path, c_compiler
     source.write_text(f"#include <Python.h>\n{text}\n")
     command = [
         c_compiler,
-        *find_call_path().flags,
+        *choose_call_path().flags,
         "-fPIC",
         "-shared",
         str(source),
@@ -359,14 +359,14 @@ def test_an_extension_module_that_does_not_load_is_an_error(tmp_path, c_compiler
     ]
     subprocess.run(command, check=True)
     with pytest.raises(GenerationError, match="cannot be loaded: old"):
-        load_calls(tmp_path / "x.so", "x")
+        load_extension(tmp_path / "x.so", "x")
 
 
 def test_a_library_without_the_calls_goes_through_ctypes(library, project, tmp_path, c_compiler):
     """What `make shared` builds stands without Python."""
     from symid.codegen.c_library import generate_c_library
     from symid.codegen.casadi_functions import build_functions
-    from symid.codegen.writer import write_sources
+    from symid.codegen.source_folder import write_sources
 
     robot = read_robot(project / "robots" / "two_link.toml")
     write_sources(generate_c_library(build_functions(robot, names=NAMES)), tmp_path / "c")
@@ -404,7 +404,7 @@ def test_the_source_compiles_without_a_warning_and_hands_an_error_to_python(tmp_
     (tmp_path / "t.h").write_text(HEADER)
     (tmp_path / "twice.c").write_text(SOURCE)
     (tmp_path / "python_call.c").write_text(write_python_call(card, "t"))
-    flags = (*STRICT, *find_call_path().flags, "-fPIC", "-shared")
+    flags = (*STRICT, *choose_call_path().flags, "-fPIC", "-shared")
     command = [compiler, *flags, "twice.c", "python_call.c", "-o", "t.so"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
@@ -418,7 +418,7 @@ def test_the_source_compiles_without_a_warning_and_hands_an_error_to_python(tmp_
             raise ValueError(message)
         return (2.0 * x,)
 
-    calls = load_calls(tmp_path / "t.so", "t")
+    calls = load_extension(tmp_path / "t.so", "t")
     with pytest.raises(KeyError, match="thrice"):
         calls.bind("thrice", ask, None)
     bound = calls.bind("twice", ask, None)
@@ -435,9 +435,9 @@ def keep_in(library, project, tmp_path, compiler, kind):
     """Return a call of gravity and the array that it keeps its output in, by one of the ways there are."""
     from symid.codegen.c_library import generate_c_library
     from symid.codegen.casadi_functions import build_functions
-    from symid.codegen.options import GenerateOptions
-    from symid.codegen.python_module import generate_python_module
-    from symid.codegen.writer import write_sources
+    from symid.codegen.python_targets import generate_python_module
+    from symid.codegen.source_folder import write_sources
+    from symid.codegen.source_text import GenerateOptions
 
     torque = np.zeros(2)
     if kind != "built in":

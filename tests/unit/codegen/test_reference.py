@@ -8,13 +8,12 @@ import casadi as ca
 import pytest
 
 from symid.codegen.c_library import generate_c_library
-from symid.codegen.casadi_functions import Functions, build_functions
+from symid.codegen.casadi_functions import Functions, build_functions, read_sx_program
 from symid.codegen.functions import FunctionSpec, JointCard, Port
-from symid.codegen.program import build_program
-from symid.codegen.python_module import generate_python_module
-from symid.codegen.writer import write_sources
+from symid.codegen.python_targets import generate_python_module
+from symid.codegen.source_folder import write_sources
 from symid.errors import GenerationError
-from symid.formats.toml import read_robot
+from symid.robot.toml_reader import read_robot
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +55,7 @@ def make_toy(made, build):
     joint = JointCard(number=1, name="a", kind="revolute", friction="none")
     card = replace(made.card, robot="toy", joints=(joint,), beta=(), friction=(), functions=(spec,))
     function = ca.Function("toy", [x], [build(x)], ["x"], ["y"])
-    return Functions(card=card, programs=(build_program(function, spec),), functions=(function,))
+    return Functions(card=card, programs=(read_sx_program(function, spec),), functions=(function,))
 
 
 @pytest.mark.parametrize(

@@ -4,11 +4,16 @@ import numpy as np
 import pytest
 
 from symid.codegen.casadi_functions import build_functions
-from symid.codegen.options import GenerateOptions
-from symid.codegen.reference import WEIGHTS, build_references
-from symid.codegen.sample_parameters import find_amplification, find_parameters
-from symid.codegen.sample_states import States, find_values
-from symid.formats.toml import read_robot
+from symid.codegen.references import (
+    WEIGHTS,
+    SampleStates,
+    build_references,
+    choose_parameters,
+    estimate_amplification,
+    evaluate_casadi,
+)
+from symid.codegen.source_text import GenerateOptions
+from symid.robot.toml_reader import read_robot
 
 
 def build(project, robot, *names):
@@ -18,13 +23,13 @@ def build(project, robot, *names):
 @pytest.mark.parametrize("robot", ["two_link", "ur5", "panda", "quadruped", "scara"])
 def test_mass_matrices_are_well_conditioned_at_every_state(project, robot):
     made = build(project, robot, "mass_matrix")
-    states = States(count=100, seed=1, shared={})
-    found = find_parameters(made.card, made.functions, made.programs, states)
+    states = SampleStates(count=100, seed=1, shared={})
+    found = choose_parameters(made.card, made.functions, made.programs, states)
     assert len(found) >= 4
     for beta in found[-4:]:
-        at = States(count=100, seed=1, shared={"beta": beta})
+        at = SampleStates(count=100, seed=1, shared={"beta": beta})
         program = made.programs[0]
-        (matrices,) = find_values(made.functions[0], program, at.find_all(program), 100)
+        (matrices,) = evaluate_casadi(made.functions[0], program, at.find_all(program), 100)
         assert np.linalg.cond(matrices.reshape(100, made.card.size, -1)).max() < 100
         # Every parameter takes part.
         assert np.count_nonzero(beta) >= 0.95 * len(beta)
@@ -33,14 +38,14 @@ def test_mass_matrices_are_well_conditioned_at_every_state(project, robot):
 def test_forward_dynamics_alone_tells_what_it_amplifies(project):
     made = build(project, "panda", "forward_dynamics")
     (function,), (program,) = made.functions, made.programs
-    states = States(count=100, seed=1, shared={})
-    beta = find_parameters(made.card, made.functions, made.programs, states)[0]
-    at = States(count=100, seed=1, shared={"beta": beta})
+    states = SampleStates(count=100, seed=1, shared={})
+    beta = choose_parameters(made.card, made.functions, made.programs, states)[0]
+    at = SampleStates(count=100, seed=1, shared={"beta": beta})
     (mass,) = build(project, "panda", "mass_matrix").functions
     spec = build(project, "panda", "mass_matrix").programs[0]
-    (matrices,) = find_values(mass, spec, at.find_all(spec), 100)
+    (matrices,) = evaluate_casadi(mass, spec, at.find_all(spec), 100)
     condition = np.linalg.cond(matrices.reshape(100, 7, 7)).max()
-    found = find_amplification(function, program, at)
+    found = estimate_amplification(function, program, at)
     assert found == 2.0 ** max(0, np.ceil(np.log2(condition / 100)))
     (reference,) = build_references(made.card, made.functions, made.programs, GenerateOptions())
     largest = max(abs(value) for row in reference.whole[0] for value in row)

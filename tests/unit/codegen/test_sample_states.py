@@ -4,12 +4,11 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from symid.codegen import lanes
-from symid.codegen.casadi_functions import build_functions
+from symid.codegen import c_library as lanes
+from symid.codegen.casadi_functions import build_functions, read_sx_program
 from symid.codegen.functions import FunctionSpec, Port
-from symid.codegen.program import build_program
-from symid.codegen.sample_states import LIMITS, PER_UNIT, States, find_angles
-from symid.formats.toml import read_robot
+from symid.codegen.references import ANGLE_LIMITS, PER_UNIT, SampleStates, list_angle_inputs
+from symid.robot.toml_reader import read_robot
 
 Q = Port(name="q", shape=(2,), unit="rad", meaning="q")
 DQ = Port(name="dq", shape=(2,), unit="rad/s", meaning="dq")
@@ -19,7 +18,7 @@ def make_program(name, build):
     q, dq = ca.SX.sym("q", 2), ca.SX.sym("dq", 2)
     output = Port(name="y", shape=(2,), unit="1", meaning="y")
     spec = FunctionSpec(name=name, inputs=(Q, DQ), outputs=(output,), meaning=name)
-    return build_program(ca.Function(name, [q, dq], [build(q, dq)], ["q", "dq"], ["y"]), spec)
+    return read_sx_program(ca.Function(name, [q, dq], [build(q, dq)], ["q", "dq"], ["y"]), spec)
 
 
 TURNS = make_program("turns", lambda q, dq: ca.vertcat(ca.sin(q[0]) * dq[0], -ca.cos(-q[0]) - ca.sin(q[1])))
@@ -30,7 +29,7 @@ NO_ANGLES = make_program("none", lambda _, dq: ca.vertcat(dq[0], dq[1]))
 
 
 def test_limits_are_those_of_the_generated_code():
-    assert {name: kind.limit for name, kind in lanes._KINDS.items()} == LIMITS
+    assert {name: kind.limit for name, kind in lanes._NUMBER_KINDS.items()} == ANGLE_LIMITS
 
 
 @pytest.mark.parametrize(
@@ -45,13 +44,13 @@ def test_limits_are_those_of_the_generated_code():
     ],
 )
 def test_angles_are_what_a_function_takes_sines_of_alone(programs, angles):
-    assert find_angles(programs) == angles
+    assert list_angle_inputs(programs) == angles
 
 
 @pytest.mark.parametrize("precision", ["double", "float"])
 def test_a_few_states_lie_far_out_and_are_exact_in_the_precision(precision):
-    limit, dtype = LIMITS[precision], np.float32 if precision == "float" else np.float64
-    states = States(count=100, seed=1, shared={}, angles=find_angles([TURNS]), limit=limit)
+    limit, dtype = ANGLE_LIMITS[precision], np.float32 if precision == "float" else np.float64
+    states = SampleStates(count=100, seed=1, shared={}, angles=list_angle_inputs([TURNS]), limit=limit)
     q, dq = states.find_all(TURNS)
     far = np.abs(q) > 3.0
     assert (far.all(axis=1) == far.any(axis=1)).all()
@@ -70,8 +69,8 @@ def test_a_few_states_lie_far_out_and_are_exact_in_the_precision(precision):
 
 
 def test_a_function_that_uses_an_angle_otherwise_has_it_near_in_a_table_of_its_own():
-    angles = find_angles([TURNS, SPRING, NO_ANGLES])
-    states = States(count=100, seed=1, shared={}, angles=angles)
+    angles = list_angle_inputs([TURNS, SPRING, NO_ANGLES])
+    states = SampleStates(count=100, seed=1, shared={}, angles=angles)
     assert np.abs(states.find_all(TURNS)[0]).max() > 1e6
     assert np.abs(states.find_all(SPRING)[0]).max() <= 3.0
     assert states.find_tables(TURNS) == ("q_2", "dq_2")
@@ -81,7 +80,7 @@ def test_a_function_that_uses_an_angle_otherwise_has_it_near_in_a_table_of_its_o
 
 
 def test_few_states_are_all_near():
-    states = States(count=20, seed=1, shared={}, angles=find_angles([TURNS]))
+    states = SampleStates(count=20, seed=1, shared={}, angles=list_angle_inputs([TURNS]))
     assert np.abs(states.find_all(TURNS)[0]).max() <= 3.0
 
 
@@ -90,6 +89,6 @@ def test_angles_of_robots_go_far_out_and_lengths_do_not(project, name):
     robot = read_robot(project / "robots" / f"{name}.toml")
     functions = build_functions(robot, names=("gravity", "mass_matrix"))
     revolute = {k for k, joint in enumerate(functions.card.joints) if joint.kind == "revolute"}
-    found = find_angles(functions.programs)
+    found = list_angle_inputs(functions.programs)
     assert found
     assert {k for _, _, k in found} <= revolute

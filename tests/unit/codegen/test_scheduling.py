@@ -5,13 +5,11 @@ import re
 import numpy as np
 import pytest
 
-from symid.codegen.catalogue import find_robot_specs
+from symid.codegen.catalogue import list_robot_specs
 from symid.codegen.functions import FunctionSpec, Port
-from symid.codegen.instructions import Op, Program, count_operations
 from symid.codegen.printing import print_python
-from symid.codegen.scheduling import build_depth_first
-from symid.codegen.values import ValueTable
-from symid.parameters.base import find_base_parameters
+from symid.codegen.programs import ExpressionTable, Op, Program, build_depth_first, count_operations
+from symid.dynamics.base_parameters import derive_base_parameters
 from tests.chains import PUMA560, STANFORD, build_route_programs, run_program
 
 
@@ -22,10 +20,10 @@ def count_registers(program):
 
 @pytest.mark.parametrize("robot", [PUMA560, STANFORD], ids=lambda r: r.name)
 def test_the_same_values_with_fewer_alive(robot):
-    base = find_base_parameters(robot)
+    base = derive_base_parameters(robot)
     rng = np.random.default_rng(1)
     before, after = 0, 0
-    for spec in find_robot_specs(robot, base):
+    for spec in list_robot_specs(robot, base):
         inputs = {port.name: rng.uniform(-1, 1, port.shape) for port in spec.inputs}
         for program in build_route_programs(robot, base, spec).values():
             ordered = build_depth_first(program)
@@ -38,7 +36,7 @@ def test_the_same_values_with_fewer_alive(robot):
 
 
 def test_the_larger_operand_comes_first():
-    table = ValueTable()
+    table = ExpressionTable()
     a, b, c = (table.input(0, k) for k in range(3))
     small = table.apply(Op.SIN, c)
     large = table.mul(table.add(a, b), table.apply(Op.COS, b))

@@ -3,14 +3,12 @@
 import numpy as np
 import pytest
 
-from symid.codegen.catalogue import find_robot_specs
+from symid.codegen.casadi_functions import build_sx_function, read_sx_program
+from symid.codegen.catalogue import list_robot_specs
 from symid.codegen.functions import FunctionSpec, Port
-from symid.codegen.instructions import Op, Program, count_operations
-from symid.codegen.program import build_program
+from symid.codegen.programs import ExpressionTable, Op, Program, count_operations
 from symid.codegen.routes import choose_route
-from symid.codegen.sx_functions import build_function
-from symid.codegen.values import ValueTable
-from symid.parameters.base import find_base_parameters
+from symid.dynamics.base_parameters import derive_base_parameters
 from symid.robot.description import FrictionKind
 from tests.chains import PANDA, PUMA560, STANFORD, TWO_LINK, build_chain, run_program
 
@@ -29,19 +27,19 @@ def port(name, *shape):
 def build(inputs, outputs, write):
     """Return the program of `write`, which gives the outputs' references from a table."""
     spec = FunctionSpec(name="f", inputs=inputs, outputs=outputs, meaning="test")
-    table = ValueTable()
+    table = ExpressionTable()
     instructions, refs = table.collect(write(table))
     return Program(spec=spec, instructions=instructions, outputs=refs)
 
 
 @pytest.mark.parametrize("robot", [TWO_LINK, PUMA560, PANDA, STANFORD, DRIVEN], ids=lambda r: r.name)
 def test_what_casadi_holds_is_the_program(robot):
-    base = find_base_parameters(robot)
+    base = derive_base_parameters(robot)
     rng = np.random.default_rng(1)
-    for spec in find_robot_specs(robot, base):
+    for spec in list_robot_specs(robot, base):
         program = choose_route(robot, base, spec).program
-        function = build_function(program)
-        held, wanted = count_operations(build_program(function, spec)), count_operations(program)
+        function = build_sx_function(program)
+        held, wanted = count_operations(read_sx_program(function, spec)), count_operations(program)
         # CasADi makes quotients again of products with the inverse of a pivot, one product less a pivot.
         pivots = robot.freedom if spec.name == "forward_dynamics" else 0
         assert (held.mul + pivots, held.add, held.trig) == (wanted.mul, wanted.add, wanted.trig), spec.name
@@ -63,7 +61,7 @@ def test_matrices_go_in_and_out_by_rows():
         ),
     )
     a, b = np.arange(1.0, 7.0).reshape(2, 3), np.array([10.0, 100.0])
-    y, z = build_function(program)(a, b)
+    y, z = build_sx_function(program)(a, b)
     np.testing.assert_array_equal(np.array(y), (a.ravel() * np.tile(b, 3)).reshape(3, 2))
     np.testing.assert_array_equal(np.array(z), -a)
 
@@ -81,7 +79,7 @@ def test_every_operation_has_a_rule(value):
         chosen = table.apply(Op.SELECT, table.apply(Op.LESS, x, y), -x)
         return [[*single, root, *double, chosen, table.div(x, table.add(x, table.constant(9.0)))]]
 
-    found = np.array(build_function(build((port("x", 1),), (port("y", 13),), write))(value)).ravel()
+    found = np.array(build_sx_function(build((port("x", 1),), (port("y", 13),), write))(value)).ravel()
     x = value
     plain = [
         np.sin(x),
@@ -102,6 +100,6 @@ def test_a_function_without_inputs_or_outputs_can_be_written():
     program = build(
         (port("f", 0),), (port("y", 2, 0), port("z", 2)), lambda t: ([], [t.constant(0.0), t.constant(-3.0)])
     )
-    empty, constants = build_function(program)(np.zeros((0, 1)))
+    empty, constants = build_sx_function(program)(np.zeros((0, 1)))
     assert empty.shape == (2, 0)
     np.testing.assert_array_equal(np.array(constants).ravel(), [0.0, -3.0])

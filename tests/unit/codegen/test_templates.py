@@ -7,24 +7,23 @@ import pytest
 from jinja2 import Environment, meta
 
 from symid.codegen import (
-    c_contexts,
-    c_parameters,
-    casadi_target,
-    friction_c,
-    friction_state,
-    lanes,
-    python_call_source,
-    python_module,
+    c_friction as friction_c,
+    c_friction as friction_state,
+    c_library as lanes,
+    c_library as python_call_source,
+    c_programs as c_contexts,
+    c_programs as c_parameters,
+    python_targets as casadi_target,
+    python_targets as python_module,
 )
-from symid.codegen.options import GenerateOptions
-from symid.codegen.printing import find_literal
-from symid.codegen.templates import find_template_bytes, write_template
+from symid.codegen.printing import write_literal
+from symid.codegen.source_text import GenerateOptions, read_template_bytes, write_template
 from symid.errors import GenerationError, UsageError
 
 CONTEXTS = {
     "c/header.h.jinja": c_contexts.HeaderContext,
     "c/function.c.jinja": c_contexts.FunctionContext,
-    "c/lanes.h.jinja": lanes.LanesContext,
+    "c/lanes.h.jinja": lanes.SimdContext,
     "c/python_call.c.jinja": python_call_source.CallContext,
     "c/parameters.c.jinja": c_parameters.ParametersContext,
     "c/info.c.jinja": c_contexts.InfoContext,
@@ -52,7 +51,7 @@ CONTEXTS = {
 
 
 def test_every_template_has_a_context_with_its_variables():
-    templates = dict(find_template_bytes("c", "python", "casadi"))
+    templates = dict(read_template_bytes("c", "python", "casadi"))
     assert sorted(templates) == sorted(CONTEXTS)
     for name, content in templates.items():
         used = meta.find_undeclared_variables(Environment(autoescape=True).parse(content.decode()))
@@ -75,9 +74,9 @@ def test_a_context_with_other_names_is_refused():
 def test_literals_read_back_exactly():
     rng = np.random.default_rng(5)
     for value in (0.1, 1e300, 5e-324, 3.0, 1.0 / 3.0, 123456789.123, 1e-5, *rng.standard_normal(200)):
-        assert float(find_literal(value)) == value
+        assert float(write_literal(value)) == value
         if abs(value) < 1e38:
-            text = find_literal(value, "float")
+            text = write_literal(value, "float")
             assert text.endswith("f")
             assert set("e.") & set(text)
             assert np.float32(text[:-1]) == np.float32(value)

@@ -5,13 +5,13 @@ import dataclasses
 import numpy as np
 from hypothesis import given, settings
 
-from symid.codegen.catalogue import find_robot_specs
-from symid.codegen.instructions import Program, count_operations
+from symid.codegen.catalogue import list_robot_specs
+from symid.codegen.programs import Program, count_operations
 from symid.codegen.routes import ROUTES, choose_route
 from symid.codegen.workspace import build_workspace
-from symid.dynamics.turns import find_turns, remove_turns
-from symid.parameters.base import find_base_parameters
-from symid.robot.geometry import Exact, find_angle, place_modified_dh
+from symid.dynamics.base_parameters import derive_base_parameters
+from symid.dynamics.frame_choice import list_constant_rotations, remove_constant_rotations
+from symid.robot.geometry import Exact, build_exact_angle, place_modified_dh
 from tests.chains import PANDA, PUMA560, TWO_LINK, build_route_programs, run_program, trees
 
 ROWS = [(0.0, 0.0, 0.3), (np.pi / 2, 0.1, 0.0), (0.0, 0.4, 0.1), (np.pi / 3, 0.02, 0.0)]
@@ -19,7 +19,7 @@ ROWS = [(0.0, 0.0, 0.3), (np.pi / 2, 0.1, 0.0), (0.0, 0.4, 0.1), (np.pi / 3, 0.0
 
 def build_offset_arm(thetas):
     placements = [
-        place_modified_dh(find_angle(alpha), Exact.of(a), Exact.of(d), find_angle(theta))
+        place_modified_dh(build_exact_angle(alpha), Exact.of(a), Exact.of(d), build_exact_angle(theta))
         for (alpha, a, d), theta in zip(ROWS, thetas, strict=True)
     ]
     joints = zip(PUMA560.joints, placements, strict=False)
@@ -42,23 +42,28 @@ def find_plain_best(robot, base, spec):
 
 
 def test_turns_are_found_and_removed():
-    turns = find_turns(ARM)
+    turns = list_constant_rotations(ARM)
     np.testing.assert_allclose([turns[k] for k in (0, 1, 2)], [0.4, np.pi / 6, -2.5], rtol=1e-14)
     assert list(turns) == [0, 1, 2], "half a turn costs nothing"
-    straight = remove_turns(ARM, turns)
+    straight = remove_constant_rotations(ARM, turns)
     for k in turns:
         assert straight.joints[k].placement == PLAIN.joints[k].placement
     assert straight.joints[3] == ARM.joints[3]
-    assert find_turns(PANDA) == find_turns(TWO_LINK) == find_turns(straight) == {}
+    assert (
+        list_constant_rotations(PANDA)
+        == list_constant_rotations(TWO_LINK)
+        == list_constant_rotations(straight)
+        == {}
+    )
 
 
 @settings(max_examples=20, deadline=None)
 @given(robot=trees(most=3, followers=True, springs=True))
 def test_both_ways_give_the_same_numbers_and_the_cheaper_is_taken(robot):
-    base = find_base_parameters(robot)
-    turns = find_turns(robot)
+    base = derive_base_parameters(robot)
+    turns = list_constant_rotations(robot)
     rng = np.random.default_rng(8)
-    for spec in find_robot_specs(robot, base):
+    for spec in list_robot_specs(robot, base):
         # The mass matrix of random parameters need not be one that can be solved for.
         if spec.name == "forward_dynamics":
             continue
@@ -80,10 +85,10 @@ def test_both_ways_give_the_same_numbers_and_the_cheaper_is_taken(robot):
 
 
 def test_a_turn_costs_one_sum_at_most():
-    bases = find_base_parameters(ARM), find_base_parameters(PLAIN)
-    for ours, theirs in zip(*(find_robot_specs(ARM, base) for base in bases), strict=True):
+    bases = derive_base_parameters(ARM), derive_base_parameters(PLAIN)
+    for ours, theirs in zip(*(list_robot_specs(ARM, base) for base in bases), strict=True):
         turned = count(choose_route(ARM, bases[0], ours).program)
         assert turned <= find_plain_best(PLAIN, bases[1], theirs) + 3, ours.name
         assert turned <= find_plain_best(ARM, bases[0], ours), ours.name
-    (spec,) = [spec for spec in find_robot_specs(ARM, bases[0]) if spec.name == "inverse_dynamics"]
+    (spec,) = [spec for spec in list_robot_specs(ARM, bases[0]) if spec.name == "inverse_dynamics"]
     assert count(choose_route(ARM, bases[0], spec).program) < 0.88 * find_plain_best(ARM, bases[0], spec)

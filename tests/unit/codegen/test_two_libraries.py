@@ -8,9 +8,9 @@ import pytest
 
 from symid.codegen.c_library import generate_c_library
 from symid.codegen.casadi_functions import build_functions
-from symid.codegen.options import GenerateOptions
-from symid.codegen.writer import write_sources
-from symid.formats.toml import read_robot
+from symid.codegen.source_folder import write_sources
+from symid.codegen.source_text import GenerateOptions
+from symid.robot.toml_reader import read_robot
 
 ROBOTS = {"two_link": "double", "two_link_elastic": "float"}
 STRICT = ("-std=c99", "-O1", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror")

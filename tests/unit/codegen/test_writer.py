@@ -9,20 +9,26 @@ from pathlib import Path
 
 import pytest
 
-from symid.codegen.folder_exchange import exchange_folders
-from symid.codegen.writer import MANIFEST, SourceSet, find_digest, write_manifest_text, write_sources
+from symid.codegen.source_folder import (
+    MANIFEST,
+    SourceSet,
+    compute_digest,
+    exchange_folders,
+    write_manifest_text,
+    write_sources,
+)
 from symid.errors import OutputError
 
 
 @pytest.fixture
 def in_place(monkeypatch):
     """Where folders cannot change places."""
-    monkeypatch.setattr("symid.codegen.writer.exchange_folders", lambda *_: False)
+    monkeypatch.setattr("symid.codegen.source_folder.exchange_folders", lambda *_: False)
 
 
 def sources(**files):
     listed = {f"{name}.c": text for name, text in files.items()}
-    manifest = {"symid": "0", "files": {path: find_digest(text.encode()) for path, text in listed.items()}}
+    manifest = {"symid": "0", "files": {path: compute_digest(text.encode()) for path, text in listed.items()}}
     return SourceSet(name="x", files=tuple(listed.items()), manifest=json.dumps(manifest))
 
 
@@ -174,7 +180,7 @@ def test_after_an_interrupted_update_another_one_needs_no_force(tmp_path, monkey
 def test_after_an_interrupted_update_an_edited_file_is_still_told(tmp_path, monkeypatch):
     write_sources(sources(a="1", b="1"), tmp_path)
     with monkeypatch.context() as patch:
-        patch.setattr("symid.codegen.writer._remove_stale", lambda *_: 1 / 0)
+        patch.setattr("symid.codegen.source_folder._remove_stale_files", lambda *_: 1 / 0)
         with pytest.raises(ZeroDivisionError):
             write_sources(sources(a="2", b="2"), tmp_path)
     (tmp_path / "b.c").write_text("edited")
@@ -187,7 +193,7 @@ KILLED = """
 import json, os, signal, sys
 from pathlib import Path
 from symid.codegen import writer
-from symid.codegen.writer import SourceSet, write_sources
+from symid.codegen.source_folder import SourceSet, write_sources
 
 calls, last = 0, 10**9
 
@@ -247,7 +253,7 @@ OWN = {"mine.c": "mine", "own/notes.txt": "mine"}
 
 def prepare_old(folder):
     folder.mkdir()
-    digests = {path: find_digest(text.encode()) for path, text in OLD.items()}
+    digests = {path: compute_digest(text.encode()) for path, text in OLD.items()}
     manifest = json.dumps({"symid": "0", "files": digests})
     write_sources(SourceSet(name="x", files=tuple(OLD.items()), manifest=manifest), folder)
     (folder / "own").mkdir()
@@ -278,7 +284,7 @@ def test_a_killed_write_leaves_the_old_folder_or_the_new_one(tmp_path, run_kille
             assert found in ({**OLD, **OWN}, {**NEW, **OWN})
             listed = json.loads((folder / MANIFEST).read_text())["files"]
             assert {
-                path: find_digest(text.encode()) for path, text in found.items() if path in listed
+                path: compute_digest(text.encode()) for path, text in found.items() if path in listed
             } == listed
             seen.add("new.c" in found)
         if through:
@@ -363,11 +369,11 @@ def test_all_is_on_the_disk_before_the_new_folder_has_its_name(tmp_path, monkeyp
     with monkeypatch.context() as patch:
         patch.setattr(Path, "rename", lambda path, to: (look(path), rename(path, to))[1])
         patch.setattr(
-            "symid.codegen.writer.exchange_folders",
+            "symid.codegen.source_folder.exchange_folders",
             lambda folder, staging: (look(staging), exchange_folders(folder, staging))[1],
         )
         files = {"a.c": "2", "deep/c.c": "2"}
-        digests = {path: find_digest(text.encode()) for path, text in files.items()}
+        digests = {path: compute_digest(text.encode()) for path, text in files.items()}
         text = json.dumps({"symid": "0", "files": digests})
         write_sources(SourceSet(name="x", files=tuple(files.items()), manifest=text), out)
     assert seen == [set()]
@@ -403,7 +409,7 @@ def test_a_folder_of_another_user_stays_that_users(tmp_path, monkeypatch, exchan
     for path in (out, *out.rglob("*")):
         os.chown(path, 12345, 23456)
     if not exchange:
-        monkeypatch.setattr("symid.codegen.writer.exchange_folders", lambda *_: False)
+        monkeypatch.setattr("symid.codegen.source_folder.exchange_folders", lambda *_: False)
     write_sources(sources(a="3", new="3"), out)
     assert find_owners(out) == {(12345, 23456)}
     write_manifest_text((out / MANIFEST).read_text() + "\n", out)
@@ -418,7 +424,7 @@ def test_a_folder_that_cannot_be_given_back_stays_the_same_one(tmp_path, monkeyp
     def refuse(source, target):
         raise PermissionError(1, "Operation not permitted")
 
-    monkeypatch.setattr("symid.codegen.writer.copy_owner", refuse)
+    monkeypatch.setattr("symid.codegen.source_folder.copy_owner", refuse)
     write_sources(sources(a="3"), out)
     assert find_identity(out) == before
     assert (out / "a.c").read_text() == "3"

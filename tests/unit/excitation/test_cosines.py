@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from symid.errors import UsageError
-from symid.excitation.cosines import build_cosine, build_cosine_trajectory, build_peak_cosine, join_motions
+from symid.excitation.trajectories import (
+    build_cosine,
+    build_cosine_trajectory,
+    build_peak_cosine,
+    join_motions,
+)
 
 
 def test_states_are_those_of_a_cosine():

@@ -2,10 +2,15 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from symid.excitation.criteria import CRITERIA, Criterion, find_condition, find_criterion, find_information
+from symid.excitation.observation import (
+    CRITERIA,
+    Criterion,
+    compute_condition,
+    compute_criterion,
+    compute_information,
+)
 
 
 def make_matrix(seed, rows=40, columns=7):
@@ -17,32 +22,32 @@ def make_matrix(seed, rows=40, columns=7):
 def test_the_condition_number_is_that_of_the_scaled_columns(seed):
     matrix = make_matrix(seed)
     wanted = np.linalg.cond(matrix / np.linalg.norm(matrix, axis=0))
-    np.testing.assert_allclose(find_condition(matrix.T @ matrix), wanted, rtol=1e-8)
+    np.testing.assert_allclose(compute_condition(matrix.T @ matrix), wanted, rtol=1e-8)
 
 
 def test_information_is_the_logarithm_of_the_singular_values():
     matrix = make_matrix(3)
     wanted = np.log(np.linalg.svd(matrix, compute_uv=False)).mean()
-    np.testing.assert_allclose(find_information(matrix.T @ matrix), wanted, rtol=1e-10)
+    np.testing.assert_allclose(compute_information(matrix.T @ matrix), wanted, rtol=1e-10)
     np.testing.assert_allclose(
-        find_criterion(matrix.T @ matrix, Criterion(name="d-optimal"))[0], -wanted, rtol=1e-10
+        compute_criterion(matrix.T @ matrix, Criterion(name="d-optimal"))[0], -wanted, rtol=1e-10
     )
 
 
 def test_less_than_full_rank():
     matrix = make_matrix(4)
     matrix[:, 2] = 3.0 * matrix[:, 5]
-    assert find_condition(matrix.T @ matrix) == np.inf
-    assert find_information(np.zeros((3, 3))) == -np.inf
+    assert compute_condition(matrix.T @ matrix) == np.inf
+    assert compute_information(np.zeros((3, 3))) == -np.inf
     # The search may still go on from there.
-    assert np.isfinite(find_criterion(matrix.T @ matrix, Criterion())[0])
+    assert np.isfinite(compute_criterion(matrix.T @ matrix, Criterion())[0])
 
 
 @given(seed=st.integers(0, 100), power=st.sampled_from([2.0, 8.0, 40.0]))
 def test_the_stand_in_is_above_the_condition_number_and_near_it(seed, power):
     matrix = make_matrix(seed)
     gram = matrix.T @ matrix
-    gap = find_criterion(gram, Criterion(power=power))[0] - np.log(find_condition(gram))
+    gap = compute_criterion(gram, Criterion(power=power))[0] - np.log(compute_condition(gram))
     assert -1e-9 <= gap <= np.log(7) / power + 1e-9
 
 
@@ -55,9 +60,9 @@ def test_slopes_are_those_of_finite_differences(name, weight):
 
     def find_value(share):
         moved = matrix + share * ahead
-        return find_criterion(moved.T @ moved, criterion)[0]
+        return compute_criterion(moved.T @ moved, criterion)[0]
 
-    slope = find_criterion(matrix.T @ matrix, criterion)[1]
+    slope = compute_criterion(matrix.T @ matrix, criterion)[1]
     np.testing.assert_allclose(slope, slope.T, atol=1e-12 * np.abs(slope).max())
     h = 1e-5
     found = float(np.sum(2.0 * (matrix @ slope) * ahead))
@@ -66,11 +71,11 @@ def test_slopes_are_those_of_finite_differences(name, weight):
 
 def test_the_weight_adds_the_information():
     gram = make_matrix(7).T @ make_matrix(7)
-    plain, more = (find_criterion(gram, Criterion(power=4.0, weight=w))[0] for w in (0.0, 0.5))
-    np.testing.assert_allclose(plain - more, 0.5 * find_information(gram), rtol=1e-10)
+    plain, more = (compute_criterion(gram, Criterion(power=4.0, weight=w))[0] for w in (0.0, 0.5))
+    np.testing.assert_allclose(plain - more, 0.5 * compute_information(gram), rtol=1e-10)
 
 
 def test_huge_powers_do_not_overflow():
-    value, slope = find_criterion(make_matrix(8).T @ make_matrix(8), Criterion(power=400.0))
+    value, slope = compute_criterion(make_matrix(8).T @ make_matrix(8), Criterion(power=400.0))
     assert np.isfinite(value)
     assert np.all(np.isfinite(slope))

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from symid.errors import UsageError
-from symid.excitation.fourier import SeriesOptions, build_space, find_basis, find_grid
+from symid.excitation.fourier import SeriesOptions, build_basis, build_grid_basis, build_series_space
 
 CENTRE = np.array([0.3, -1.2])
 
@@ -14,7 +13,7 @@ CENTRE = np.array([0.3, -1.2])
 def make_space(*, rest=True, start=None, harmonics=4, period=7.0):
     options = SeriesOptions(harmonics=harmonics, period=period, rest=rest, start=start)
     scales = np.random.default_rng(1).uniform(0.2, 2.0, size=(2, 2 * harmonics + 1))
-    return build_space(options, CENTRE, scales)
+    return build_series_space(options, CENTRE, scales)
 
 
 def draw(space, seed):
@@ -23,14 +22,14 @@ def draw(space, seed):
 
 def test_the_basis_is_its_formula_and_its_derivatives():
     t = np.linspace(0.0, 3.0, 40)
-    basis = find_basis(3, 2.0, t, 4)
+    basis = build_basis(3, 2.0, t, 4)
     w = np.pi * np.arange(1, 4)
     np.testing.assert_allclose(
         basis[0], np.hstack([np.ones((40, 1)), np.sin(t[:, None] * w), np.cos(t[:, None] * w)]), atol=1e-13
     )
     h = 1e-5
     for order in range(3):
-        ahead, behind = find_basis(3, 2.0, t + h, 4), find_basis(3, 2.0, t - h, 4)
+        ahead, behind = build_basis(3, 2.0, t + h, 4), build_basis(3, 2.0, t - h, 4)
         slope = (ahead[order] - behind[order]) / (2 * h)
         np.testing.assert_allclose(basis[order + 1], slope, atol=1e-6 * np.abs(basis[order + 1]).max())
 
@@ -38,7 +37,7 @@ def test_the_basis_is_its_formula_and_its_derivatives():
 @given(seed=st.integers(0, 100), harmonics=st.integers(2, 8))
 def test_every_series_starts_and_ends_at_rest(seed, harmonics):
     space = make_space(harmonics=harmonics)
-    ends = find_basis(harmonics, space.period, np.array([0.0, space.period]), 3)
+    ends = build_basis(harmonics, space.period, np.array([0.0, space.period]), 3)
     q, dq, ddq = space.find_states(draw(space, seed), ends)
     np.testing.assert_allclose(dq, 0.0, atol=1e-8)
     np.testing.assert_allclose(ddq, 0.0, atol=1e-7)
@@ -47,7 +46,7 @@ def test_every_series_starts_and_ends_at_rest(seed, harmonics):
 
 def test_a_start_is_kept_by_every_series():
     space = make_space(start=(0.7, -0.1))
-    here = find_basis(4, 7.0, np.zeros(1), 3)
+    here = build_basis(4, 7.0, np.zeros(1), 3)
     for seed in range(5):
         q, dq, _ = space.find_states(draw(space, seed), here)
         np.testing.assert_allclose(q[0], [0.7, -0.1], atol=1e-8)
@@ -74,7 +73,7 @@ def test_the_series_is_the_trajectory_that_is_built_of_it():
     space = make_space(rest=False)
     unknowns = draw(space, 4)
     t = np.linspace(0.0, 7.0, 50)
-    states = space.find_states(unknowns, find_basis(4, 7.0, t, 4))
+    states = space.find_states(unknowns, build_basis(4, 7.0, t, 4))
     trajectory = space.build_trajectory(unknowns, "here")
     for state, wanted in zip(states, trajectory.evaluate_derivatives(t, 3), strict=True):
         np.testing.assert_allclose(state, wanted, atol=1e-10)
@@ -83,7 +82,9 @@ def test_the_series_is_the_trajectory_that_is_built_of_it():
 
 def test_a_grid_leaves_the_last_point_to_the_next_period():
     space = make_space()
-    np.testing.assert_array_equal(find_grid(space, 8, 2), find_basis(4, 7.0, np.arange(8) * 7.0 / 8, 2))
+    np.testing.assert_array_equal(
+        build_grid_basis(space, 8, 2), build_basis(4, 7.0, np.arange(8) * 7.0 / 8, 2)
+    )
 
 
 @pytest.mark.parametrize(
@@ -98,5 +99,5 @@ def test_a_grid_leaves_the_last_point_to_the_next_period():
 )
 def test_options_that_cannot_be(options, says):
     with pytest.raises(UsageError, match=says) as caught:
-        build_space(options, CENTRE, np.ones((2, 2 * options.harmonics + 1)))
+        build_series_space(options, CENTRE, np.ones((2, 2 * options.harmonics + 1)))
     assert caught.value.notices[0].code == "usage.excitation"

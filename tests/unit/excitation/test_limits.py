@@ -5,16 +5,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from symid.errors import RobotError
-from symid.excitation.fourier import SeriesOptions, build_space, find_basis
-from symid.excitation.limits import LimitOptions, build_limit_rows, find_motion_limits, find_scales
-from symid.formats.toml import parse_robot, read_robot
-from symid.formats.writer import write_robot
+from symid.excitation.fourier import SeriesOptions, build_basis, build_series_space
+from symid.excitation.limits import (
+    LimitOptions,
+    build_limit_rows,
+    compute_coefficient_scales,
+    get_motion_limits,
+)
 from symid.robot.description import Joint, JointKind, Limits, Robot
 from symid.robot.geometry import IDENTITY
+from symid.robot.toml_reader import parse_robot, read_robot
+from symid.robot.toml_writer import write_robot
 
 LIMITS = (
     Limits(position=(-0.2, 1.0), velocity=0.7, acceleration=3.0, jerk=9.0),
@@ -34,11 +38,11 @@ def make_robot(limits=LIMITS):
 
 def make_space(limits, harmonics=5, period=8.0):
     options = SeriesOptions(harmonics=harmonics, period=period)
-    return build_space(options, limits.centre, find_scales(limits, harmonics, period))
+    return build_series_space(options, limits.centre, compute_coefficient_scales(limits, harmonics, period))
 
 
 def test_limits_are_those_of_the_file_and_fallbacks_are_said():
-    limits = find_motion_limits(make_robot(), LimitOptions(sweep=0.5, speed=2.0, acceleration=9.0))
+    limits = get_motion_limits(make_robot(), LimitOptions(sweep=0.5, speed=2.0, acceleration=9.0))
     np.testing.assert_allclose(limits.centre, [0.4, 0.0, 0.0])
     np.testing.assert_allclose(limits.half, [0.6, math.pi, 0.5])
     np.testing.assert_allclose(limits.velocity, [0.7, 30.0, 2.0])
@@ -54,12 +58,12 @@ def test_limits_are_those_of_the_file_and_fallbacks_are_said():
 
 def test_nothing_is_said_where_all_is_stated():
     stated = (LIMITS[0],) * 3
-    assert find_motion_limits(make_robot(stated)).assumed == ()
+    assert get_motion_limits(make_robot(stated)).assumed == ()
 
 
 @given(seed=st.integers(0, 200), harmonics=st.integers(2, 7), density=st.integers(3, 20))
 def test_rows_at_one_keep_all_limits_at_all_times(seed, harmonics, density):
-    limits = replace(find_motion_limits(make_robot()), share=0.9)
+    limits = replace(get_motion_limits(make_robot()), share=0.9)
     space = make_space(limits, harmonics)
     rows = build_limit_rows(space, limits, density)
     unknowns = np.random.default_rng(seed).normal(size=space.shape)
@@ -68,13 +72,13 @@ def test_rows_at_one_keep_all_limits_at_all_times(seed, harmonics, density):
         part = rows.rows[joint] @ unknowns[joint]
         room = np.where(part > 0, 1 - rows.constants[joint], 1 + rows.constants[joint])
         unknowns[joint] *= np.min(room / np.maximum(np.abs(part), 1e-300))
-    states = space.find_states(unknowns, find_basis(harmonics, 8.0, np.linspace(0, 8, 4001), 4))
+    states = space.find_states(unknowns, build_basis(harmonics, 8.0, np.linspace(0, 8, 4001), 4))
     states[0] -= limits.centre
     assert np.all(np.abs(states).max(axis=1) <= 0.9 * limits.bounds * (1 + 1e-9))
 
 
 def test_rows_allow_nearly_all_of_a_limit():
-    limits = find_motion_limits(make_robot())
+    limits = get_motion_limits(make_robot())
     space = make_space(limits)
     rows = build_limit_rows(space, limits, 20)
     # A still pose at the share of its limit, less what is lost between points.
@@ -86,7 +90,7 @@ def test_rows_allow_nearly_all_of_a_limit():
 
 
 def test_limits_that_follow_from_others_have_no_rows():
-    limits = find_motion_limits(
+    limits = get_motion_limits(
         make_robot((Limits(position=(-1, 1), velocity=9, acceleration=99, jerk=9999),) * 3)
     )
     rows = build_limit_rows(make_space(limits, harmonics=2, period=10.0), limits, 10)
@@ -95,8 +99,8 @@ def test_limits_that_follow_from_others_have_no_rows():
 
 
 def test_scales_are_the_amplitudes_that_one_harmonic_may_have():
-    limits = find_motion_limits(make_robot())
-    scales = find_scales(limits, 3, 8.0)
+    limits = get_motion_limits(make_robot())
+    scales = compute_coefficient_scales(limits, 3, 8.0)
     w = 2 * np.pi / 8 * np.arange(1, 4)
     wanted = 0.95 * np.min([np.full(3, 0.6), 0.7 / w, 3.0 / w**2, 9.0 / w**3], axis=0)
     np.testing.assert_allclose(scales[0, 1:], np.tile(wanted, 2))
@@ -131,7 +135,7 @@ def test_limits_that_are_none_are_refused():
 
 
 def test_the_panda_has_the_limits_of_its_data_sheet(robots_folder):
-    limits = find_motion_limits(read_robot(robots_folder / "panda.toml"))
+    limits = get_motion_limits(read_robot(robots_folder / "panda.toml"))
     assert limits.assumed == ()
     np.testing.assert_allclose(limits.velocity, [2.175] * 4 + [2.61] * 3)
     np.testing.assert_allclose(limits.acceleration, [15, 7.5, 10, 12.5, 15, 20, 20])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from symid.excitation.motion import SampledMotion, build_part, build_scaled_samples
+from symid.excitation.reference_motion import SampledMotion, scale_samples, truncate_motion
 from symid.excitation.trajectories import build_tc
 
 TIMES = np.array([0.0, 0.2, 0.5, 0.9, 1.0, 1.6])
@@ -64,14 +64,14 @@ def test_a_pose_that_is_held_has_no_velocity_at_all():
 
 def test_scaled_samples_keep_their_first_pose():
     motion = sample([np.polynomial.Polynomial([1.0, 2.0, -3.0])])
-    scaled = build_scaled_samples(motion, 0.5)
+    scaled = scale_samples(motion, 0.5)
     t = np.linspace(0, 1.6, 20)
     np.testing.assert_allclose(scaled.evaluate(t)[0] - 1.0, 0.5 * (motion.evaluate(t)[0] - 1.0), atol=1e-13)
     assert scaled.source == "here, amplitudes times 0.5"
-    assert build_scaled_samples(motion, 1.0) is motion
+    assert scale_samples(motion, 1.0) is motion
 
 
 @pytest.mark.parametrize(("duration", "count"), [(0.5, 3), (0.51, 4), (1.6, 6), (0.0, 2)])
 def test_a_part_ends_at_the_next_sample(duration, count):
-    part = build_part(sample([np.polynomial.Polynomial([1.0, 2.0])]), duration)
+    part = truncate_motion(sample([np.polynomial.Polynomial([1.0, 2.0])]), duration)
     assert len(part.time) == len(part.position) == count

@@ -8,28 +8,30 @@ import pytest
 
 from symid.codegen.cache import prepare_library
 from symid.errors import IdentifiabilityError, SolverError, UsageError
-from symid.excitation.candidates import find_candidates
 from symid.excitation.fourier import SeriesOptions
-from symid.excitation.limits import LimitOptions
-from symid.excitation.loads import LoadOptions
-from symid.excitation.margins import Margin, find_margins
-from symid.excitation.optimise import ExcitationOptions, optimise_excitation
-from symid.excitation.problem import ProblemOptions, build_problem
-from symid.excitation.workspace import Point, Region, Workspace
-from symid.formats.toml import read_robot
+from symid.excitation.limits import (
+    LimitOptions,
+    StateLimitOptions,
+    WorkspaceLimits,
+    WorkspacePoint,
+    WorkspaceRegion,
+)
+from symid.excitation.optimise import ExcitationOptions, draw_candidates, optimise_excitation
+from symid.excitation.problem import Margin, ProblemOptions, build_problem, compute_margins
 from symid.robot.description import FrictionValues, Limits
+from symid.robot.toml_reader import read_robot
 
 ROBOTS = Path(__file__).resolve().parents[3] / "robots"
 NAMES = ("shoulder", "elbow")
 QUICK = ExcitationOptions(candidates=40, starts=2, refined=1, iterations=60)
 # Above the floor, 0.75 m under the shoulder; the arm is about 1 m long.
-FLOOR = Workspace(
+FLOOR = WorkspaceLimits(
     regions=(
-        Region(
+        WorkspaceRegion(
             kind="plane",
             anchor=(0.0, 1.0, 0.0),
             extent=-0.6,
-            points=(Point(joint=1, place=(0.4, 0.0, 0.0), size=0.05),),
+            points=(WorkspacePoint(joint=1, place=(0.4, 0.0, 0.0), size=0.05),),
             label="plane 1",
         ),
     )
@@ -66,8 +68,8 @@ def with_problem(**parts):
 
 
 def test_candidates_keep_all_limits_and_come_sorted(weak):
-    problem = build_problem(weak, ProblemOptions(loads=LoadOptions(workspace=FLOOR)))
-    found = find_candidates(problem, 30, np.random.default_rng(1))
+    problem = build_problem(weak, ProblemOptions(loads=StateLimitOptions(workspace=FLOOR)))
+    found = draw_candidates(problem, 30, np.random.default_rng(1))
     assert np.all(np.diff(found.conditions) >= 0.0)
     assert found.drawn >= 30
     used = []
@@ -75,7 +77,7 @@ def test_candidates_keep_all_limits_and_come_sorted(weak):
         assert problem.find_condition(unknowns) == condition
         assert np.all(np.abs(problem.rows @ unknowns + problem.constants) <= 1.0)
         assert np.all(problem.find_state_excess(unknowns) <= 0.0)
-        used.append(max(margin.share or 0.0 for margin in find_margins(problem, NAMES, unknowns)))
+        used.append(max(margin.share or 0.0 for margin in compute_margins(problem, NAMES, unknowns)))
     # As large as they can be: something is at its limit.
     assert np.median(used) > 0.9
 
@@ -133,7 +135,7 @@ def test_torque_limits_hold_everywhere(weak):
 
 
 def test_links_stay_where_they_may(robot):
-    found = search(robot, with_problem(loads=LoadOptions(workspace=FLOOR)))
+    found = search(robot, with_problem(loads=StateLimitOptions(workspace=FLOOR)))
     q, _, _ = found.trajectory.evaluate(np.linspace(0.0, 10.0, 5001))
     height = 0.5 * np.sin(q[:, 0]) + 0.4 * np.sin(q.sum(axis=1))
     clearance = height.min() + 0.6 - 0.05
@@ -144,7 +146,7 @@ def test_links_stay_where_they_may(robot):
 
 
 def test_torsion_is_limited_under_a_stated_stiffness(robot):
-    loads = LoadOptions(torsion=0.05, stiffness=(400.0, 100.0))
+    loads = StateLimitOptions(torsion=0.05, stiffness=(400.0, 100.0))
     found = search(robot, with_problem(loads=loads))
     assert all(margin.kept for margin in found.margins)
     told = {margin.name: margin for margin in found.margins if margin.kind == "torsion"}
@@ -199,13 +201,13 @@ def test_parameters_that_no_such_motion_tells_apart(robot):
 def test_a_space_that_no_pose_is_in(robot):
     region = replace(FLOOR.regions[0], extent=5.0)
     with pytest.raises(SolverError, match="nearly none keeps all limits; most often broken: plane") as caught:
-        search(robot, with_problem(loads=LoadOptions(workspace=Workspace(regions=(region,)))))
+        search(robot, with_problem(loads=StateLimitOptions(workspace=WorkspaceLimits(regions=(region,)))))
     assert caught.value.notices[0].code == "excitation.narrow"
 
 
 def test_limits_that_cannot_be_kept_between_the_points(robot, monkeypatch):
     broken = Margin(kind="torque", name="elbow", value=2.0, limit=1.0, allowed=0.95)
-    monkeypatch.setattr("symid.excitation.optimise.find_margins", lambda *_: (broken,))
+    monkeypatch.setattr("symid.excitation.optimise.compute_margins", lambda *_: (broken,))
     with pytest.raises(SolverError, match=r"not between them \(torque of elbow\)") as caught:
         search(robot, replace(QUICK, candidates=5, starts=1, iterations=3))
     assert caught.value.notices[0].code == "excitation.between"

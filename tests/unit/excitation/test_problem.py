@@ -8,39 +8,44 @@ import pytest
 
 from symid.codegen.cache import prepare_library
 from symid.errors import RobotError, UsageError
-from symid.excitation.criteria import Criterion
-from symid.excitation.figures import Judge
-from symid.excitation.fourier import SeriesOptions, find_grid
-from symid.excitation.limits import LimitOptions, find_motion_limits
-from symid.excitation.loads import LoadOptions, StateValues, build_state_limits
-from symid.excitation.observation import Observation, build_columns, smooth_friction
-from symid.excitation.problem import ProblemOptions, build_problem
-from symid.excitation.workspace import Point, Region, Workspace
-from symid.formats.toml import read_robot
+from symid.excitation.fourier import SeriesOptions, build_grid_basis
+from symid.excitation.limits import (
+    LimitOptions,
+    StateLimitOptions,
+    StateValues,
+    WorkspaceLimits,
+    WorkspacePoint,
+    WorkspaceRegion,
+    build_state_limits,
+    get_motion_limits,
+)
+from symid.excitation.observation import Criterion, Observation, build_columns, smooth_friction
+from symid.excitation.problem import FineObservation, ProblemOptions, build_problem
 from symid.robot.description import FrictionKind, FrictionValues
+from symid.robot.toml_reader import read_robot
 
 ROBOTS = Path(__file__).resolve().parents[3] / "robots"
-WORKSPACE = Workspace(
+WORKSPACE = WorkspaceLimits(
     regions=(
-        Region(
+        WorkspaceRegion(
             kind="out",
             anchor=(0.5, 0.5, 0.0),
             extent=0.2,
-            points=(Point(joint=1, place=(0.3, 0.1, 0.2), size=0.05),),
+            points=(WorkspacePoint(joint=1, place=(0.3, 0.1, 0.2), size=0.05),),
             label="a",
         ),
-        Region(
+        WorkspaceRegion(
             kind="in",
             anchor=(0.0, 0.1, 0.0),
             extent=1.2,
-            points=(Point(joint=1, place=(0.3, 0.0, 0.0), size=0.1),),
+            points=(WorkspacePoint(joint=1, place=(0.3, 0.0, 0.0), size=0.1),),
             label="b",
         ),
-        Region(
+        WorkspaceRegion(
             kind="plane",
             anchor=(0.0, 0.6, 0.8),
             extent=-0.9,
-            points=(Point(joint=0, place=(0.4, 0.0, 0.0), size=0.1),),
+            points=(WorkspacePoint(joint=0, place=(0.4, 0.0, 0.0), size=0.1),),
             label="c",
         ),
     )
@@ -114,7 +119,7 @@ def check_slopes(problem, criterion):
 
 @pytest.mark.parametrize("name", ["condition", "d-optimal"])
 def test_all_slopes_of_a_rigid_robot(robot, name):
-    options = ProblemOptions(loads=LoadOptions(workspace=WORKSPACE), deviations=(2.0, 1.0))
+    options = ProblemOptions(loads=StateLimitOptions(workspace=WORKSPACE), deviations=(2.0, 1.0))
     problem = build_problem(robot, options)
     assert problem.state_limits.kinds == ("torque", "torque", "out", "in", "plane")
     check_slopes(problem, Criterion(name=name))
@@ -122,13 +127,13 @@ def test_all_slopes_of_a_rigid_robot(robot, name):
 
 
 def test_all_slopes_of_an_elastic_robot(elastic):
-    problem = build_problem(elastic, ProblemOptions(loads=LoadOptions(torsion=0.05)))
+    problem = build_problem(elastic, ProblemOptions(loads=StateLimitOptions(torsion=0.05)))
     assert "torsion" in problem.state_limits.kinds
     check_slopes(problem, Criterion(power=4.0))
 
 
 def test_torque_is_that_of_the_library(robot):
-    limits = find_motion_limits(robot)
+    limits = get_motion_limits(robot)
     found = build_state_limits(robot, limits)
     states = random_states(20)
     # Where friction is smoothed, the sign is nowhere reached; far from rest it is.
@@ -146,7 +151,7 @@ def test_torque_is_that_of_the_library(robot):
 
 
 def test_torsion_is_the_torque_of_the_links_by_the_stiffness(elastic):
-    limits = find_motion_limits(elastic)
+    limits = get_motion_limits(elastic)
     states = random_states(10)
     library = prepare_library(elastic)
     beta = np.array([entry.value for entry in library.card.beta])
@@ -155,14 +160,14 @@ def test_torsion_is_the_torque_of_the_links_by_the_stiffness(elastic):
         (None, [joint.elasticity.stiffness for joint in elastic.joints]),
         ((500.0, 200.0),) * 2,
     ):
-        found = build_state_limits(elastic, limits, LoadOptions(torsion=0.05, stiffness=stiffness))
+        found = build_state_limits(elastic, limits, StateLimitOptions(torsion=0.05, stiffness=stiffness))
         values = StateValues(found, 10, 2).find_values(states)
         places = [place for place, kind in enumerate(found.kinds) if kind == "torsion"]
         np.testing.assert_allclose(values[:, places] * 0.05 * 0.95, tau / wanted, rtol=1e-9)
 
 
 def test_the_motor_of_an_elastic_joint_turns_its_rotor(elastic):
-    limits = find_motion_limits(elastic)
+    limits = get_motion_limits(elastic)
     found = build_state_limits(elastic, limits)
     states = np.zeros((3, 1, 2))
     states[2] = 3.0
@@ -176,8 +181,8 @@ def test_the_motor_of_an_elastic_joint_turns_its_rotor(elastic):
 
 
 def test_space_is_where_plane_geometry_puts_it(robot):
-    limits = replace(find_motion_limits(robot), torque=np.full(2, np.inf))
-    found = build_state_limits(robot, limits, LoadOptions(workspace=WORKSPACE))
+    limits = replace(get_motion_limits(robot), torque=np.full(2, np.inf))
+    found = build_state_limits(robot, limits, StateLimitOptions(workspace=WORKSPACE))
     assert found.kinds == ("out", "in", "plane")
     q = np.random.default_rng(5).uniform(-2, 2, size=(12, 2))
     values = StateValues(found, 12, 2).find_values(np.array([q, 0 * q, 0 * q]))
@@ -195,20 +200,20 @@ def test_space_is_where_plane_geometry_puts_it(robot):
 
 def test_without_values_torque_is_not_limited_and_that_is_said():
     panda = read_robot(ROBOTS / "panda.toml")
-    limits = find_motion_limits(panda)
+    limits = get_motion_limits(panda)
     found = build_state_limits(panda, limits)
     assert found.names == ()
     assert [notice.code for notice in found.notices] == ["excitation.no-torque"]
     with pytest.raises(RobotError, match="needs all masses") as caught:
-        build_state_limits(panda, limits, LoadOptions(torsion=0.01))
+        build_state_limits(panda, limits, StateLimitOptions(torsion=0.01))
     assert caught.value.notices[0].code == "excitation.no-values"
 
 
 def test_torsion_wants_a_stiffness(robot):
-    limits = find_motion_limits(robot)
+    limits = get_motion_limits(robot)
     for stiffness in (None, (100.0,), (100.0, -1.0)):
         with pytest.raises(RobotError) as caught:
-            build_state_limits(robot, limits, LoadOptions(torsion=0.01, stiffness=stiffness))
+            build_state_limits(robot, limits, StateLimitOptions(torsion=0.01, stiffness=stiffness))
         assert caught.value.notices[0].code == "excitation.stiffness"
 
 
@@ -229,10 +234,10 @@ def test_the_grid_of_the_search_is_fine_enough():
     """With friction that has no step, figures on the coarse grid are those on the fine one."""
     panda = read_robot(ROBOTS / "panda.toml")
     problem = build_problem(panda, ProblemOptions(limits=LimitOptions(share=0.9)))
-    judge = Judge(panda, problem)
+    judge = FineObservation(panda, problem)
     for seed in range(3):
         z = 0.5 * np.random.default_rng(seed).normal(size=problem.size)
         condition, information = judge.find_figures(z)
         assert problem.find_condition(z) == pytest.approx(condition, rel=1e-3)
         assert problem.find_information(z) == pytest.approx(information, abs=1e-3)
-    assert find_grid(problem.space, 10, 3).shape == (3, 10, 11)
+    assert build_grid_basis(problem.space, 10, 3).shape == (3, 10, 11)

@@ -4,18 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from symid.errors import UsageError
 from symid.excitation.trajectories import (
     FourierOptions,
     build_fourier,
     build_random_fourier,
-    build_scaled,
     build_ta,
     build_tb,
     build_tc,
+    scale_trajectory,
 )
 from symid.robot.description import Joint, JointKind, Limits, Robot
 from symid.robot.geometry import IDENTITY
@@ -205,15 +204,15 @@ def test_tc_is_the_sum_that_is_stated():
 def test_scaled_trajectories_keep_their_centre():
     plain = random_series(5)
     t = np.linspace(0.0, 9.0, 40)
-    scaled = build_scaled(plain, 10.0)
+    scaled = scale_trajectory(plain, 10.0)
     gaps = (scaled.evaluate(t)[0] - plain.centre) - 10.0 * (plain.evaluate(t)[0] - plain.centre)
     np.testing.assert_allclose(gaps, 0.0, atol=1e-12)
     assert scaled.source == f"{plain.source}, amplitudes times 10"
-    assert build_scaled(plain, 1.0) is plain
+    assert scale_trajectory(plain, 1.0) is plain
 
 
 @pytest.mark.parametrize("scale", [0.0, -1.0, np.nan, np.inf])
 def test_scales_that_cannot_be(scale):
     with pytest.raises(UsageError, match="scale of a trajectory must be positive") as caught:
-        build_scaled(build_ta(), scale)
+        scale_trajectory(build_ta(), scale)
     assert caught.value.notices[0].code == "usage.trajectory-scale"

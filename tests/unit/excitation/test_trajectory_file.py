@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from symid.errors import LogError, OutputError
+from symid.excitation.reference_motion import read_trajectory, write_trajectory
 from symid.excitation.trajectories import build_tc
-from symid.excitation.trajectory_file import read_trajectory, write_trajectory
-from symid.formats.toml import read_robot
+from symid.robot.toml_reader import read_robot
 
 ROBOTS = Path(__file__).resolve().parents[3] / "robots"
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from symid.errors import RobotError
-from symid.excitation.workspace import Point, Region, read_workspace
-from symid.formats.toml import read_robot
+from symid.excitation.limits import WorkspacePoint, WorkspaceRegion, read_workspace
+from symid.robot.toml_reader import read_robot
 
 ROBOTS = Path(__file__).resolve().parents[3] / "robots"
 GOOD = """
@@ -40,13 +40,13 @@ def read(tmp_path, robot, text):
 
 
 def test_regions_are_what_the_file_says(tmp_path, robot):
-    points = tuple(Point(joint=joint, place=(0.0, 0.1, 0.0), size=0.05) for joint in (1, 0))
-    last = (Point(joint=1, place=(0.0, 0.0, 0.0), size=0.0),)
+    points = tuple(WorkspacePoint(joint=joint, place=(0.0, 0.1, 0.0), size=0.05) for joint in (1, 0))
+    last = (WorkspacePoint(joint=1, place=(0.0, 0.0, 0.0), size=0.0),)
     workspace = read(tmp_path, robot, GOOD)
     assert workspace.regions == (
-        Region(kind="in", anchor=(0.1, 0.0, 0.2), extent=0.9, points=points, label="sphere 1"),
-        Region(kind="out", anchor=(1.0, 1.0, 1.0), extent=0.5, points=last, label="sphere 2"),
-        Region(kind="plane", anchor=(0.0, 0.6, 0.8), extent=-0.1, points=last, label="plane 1"),
+        WorkspaceRegion(kind="in", anchor=(0.1, 0.0, 0.2), extent=0.9, points=points, label="sphere 1"),
+        WorkspaceRegion(kind="out", anchor=(1.0, 1.0, 1.0), extent=0.5, points=last, label="sphere 2"),
+        WorkspaceRegion(kind="plane", anchor=(0.0, 0.6, 0.8), extent=-0.1, points=last, label="plane 1"),
     )
     assert workspace.file.endswith("space.toml")
 

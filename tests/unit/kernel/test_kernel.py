@@ -6,13 +6,12 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from symid.arrays import freeze
 from symid.errors import Notice, RobotError, SymidError
-from symid.notation import INERTIAL, SYMBOLS, find_unit
-from symid.provenance import find_signature, write_canonical
+from symid.notation import INERTIAL, SYMBOLS, get_unit
+from symid.serialization import compute_signature, write_canonical
 
 
 @pytest.mark.parametrize(
@@ -40,7 +39,7 @@ def test_the_table_of_symbols_has_no_doubles():
     names = [symbol.name for symbol in SYMBOLS]
     assert len(set(names)) == len(names)
     assert set(INERTIAL) <= set(names)
-    assert (find_unit("q"), find_unit("q", prismatic=True)) == ("rad", "m")
+    assert (get_unit("q"), get_unit("q", prismatic=True)) == ("rad", "m")
 
 
 class Colour(Enum):
@@ -75,9 +74,9 @@ VALUES = st.recursive(
 def test_signatures_differ_exactly_when_values_do(left, right):
     same = repr(left) == repr(right)
     if same:
-        assert find_signature(left) == find_signature(right)
+        assert compute_signature(left) == compute_signature(right)
     elif left != right:
-        assert find_signature(left) != find_signature(right)
+        assert compute_signature(left) != compute_signature(right)
 
 
 def test_types_of_equal_looking_values_are_told_apart():
@@ -99,23 +98,23 @@ def test_types_of_equal_looking_values_are_told_apart():
 
 
 def test_concatenation_is_no_collision():
-    assert find_signature("ab", "c") != find_signature("a", "bc")
+    assert compute_signature("ab", "c") != compute_signature("a", "bc")
     assert write_canonical({"b": 1, "a": 2}) == write_canonical({"a": 2, "b": 1})
 
 
 def test_a_value_is_not_what_it_is_made_of():
     array = np.arange(4.0)
-    assert find_signature(Colour.RED) != find_signature("red")
-    assert find_signature(array) != find_signature((str(array.dtype), array.shape, array.tobytes()))
+    assert compute_signature(Colour.RED) != compute_signature("red")
+    assert compute_signature(array) != compute_signature((str(array.dtype), array.shape, array.tobytes()))
     with pytest.raises(TypeError, match="no canonical form"):
         write_canonical(np.array([object()]))
 
 
 def test_arrays_are_signed_by_type_shape_and_bytes():
     array = np.arange(4.0)
-    assert find_signature(array) == find_signature(array.copy())
-    assert find_signature(array) != find_signature(array.reshape(2, 2))
-    assert find_signature(array) != find_signature(array.astype(np.float32))
+    assert compute_signature(array) == compute_signature(array.copy())
+    assert compute_signature(array) != compute_signature(array.reshape(2, 2))
+    assert compute_signature(array) != compute_signature(array.astype(np.float32))
 
 
 @pytest.mark.parametrize("value", [{1, 2}, object()])

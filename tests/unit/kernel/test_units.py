@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from symid.units import UNITS, find_unit_factor, nearest_units
+from symid.notation import UNITS, get_unit_factor, suggest_units
 
 
 @pytest.mark.parametrize(
@@ -21,20 +21,20 @@ from symid.units import UNITS, find_unit_factor, nearest_units
     ],
 )
 def test_units_have_their_dimension_and_factor(name, dimension, factor):
-    assert find_unit_factor(name) == (dimension, pytest.approx(factor, rel=1e-15))
+    assert get_unit_factor(name) == (dimension, pytest.approx(factor, rel=1e-15))
 
 
 def test_what_is_not_in_the_table_is_refused():
     for name in ("metre", "", "nm", "degC"):
         with pytest.raises(KeyError):
-            find_unit_factor(name)
+            get_unit_factor(name)
 
 
 def test_the_nearest_units_come_first():
-    assert nearest_units("NM")[0] in ("Nm", "mN")
-    assert "Nm" in nearest_units("NM")
-    assert nearest_units("degre")[0] == "deg"
-    assert nearest_units("!!!!") == ()
+    assert suggest_units("NM")[0] in ("Nm", "mN")
+    assert "Nm" in suggest_units("NM")
+    assert suggest_units("degre")[0] == "deg"
+    assert suggest_units("!!!!") == ()
 
 
 def test_one_spelling_of_a_unit_is_one_entry():

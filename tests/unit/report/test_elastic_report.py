@@ -6,18 +6,31 @@ import numpy as np
 import pytest
 
 from symid import __version__
-from symid.elastic.estimate import ElasticEstimate, MethodTrial, SpringEstimate
-from symid.elastic.fit import ElasticOutcome, HistoryEntry
-from symid.elastic.tracking import TrackingRun
-from symid.elastic.trial import ElasticTrial, JointTrial
 from symid.errors import Notice
-from symid.estimators.estimate import ParameterEstimate, Residual
-from symid.joint.plays import find_hysteresis_torque
-from symid.report.comparison import Comparison, MethodScore, build_comparison
-from symid.report.elastic import ElasticExtras, ElasticPage, build_elastic_report, write_elastic_report
-from symid.report.elastic_springs import build_spring
-from symid.report.templates import find_variables
-from symid.report.tracking import Tracking
+from symid.identification.elastic.estimate import (
+    ElasticEstimate,
+    HistoryEntry,
+    MethodOutcome,
+    MethodTrial,
+    SpringEstimate,
+)
+from symid.identification.elastic.validation import ElasticTrial, JointTrial, TrackingRun
+from symid.identification.estimators.estimate import ParameterEstimate, Residual
+from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque
+from symid.report.elastic_page import (
+    ElasticExtras,
+    ElasticPage,
+    build_elastic_report,
+    build_spring_section,
+    write_elastic_report,
+)
+from symid.report.pages import (
+    ComparedMethod,
+    MethodComparison,
+    TrackingRuns,
+    build_method_section,
+    list_template_variables,
+)
 from symid.robot.elasticity import Elasticity, Knee, Stop
 
 TEMPLATE = "elastic.html.jinja"
@@ -34,7 +47,7 @@ VOID = ("br", "meta", "link", "img", "hr")
 def build_joint(name):
     time = np.linspace(0.0, 20.0, 5001)
     torsion = REACH * np.sin(time) * np.cos(0.31 * time)
-    motor = find_hysteresis_torque(TRUTH, torsion)
+    motor = compute_hysteresis_torque(TRUTH, torsion)
     return JointTrial(
         joint=name,
         unit="N m",
@@ -43,7 +56,7 @@ def build_joint(name):
         torsion=torsion,
         motor=motor,
         link=motor + 0.01 * np.cos(5 * time),
-        final=find_hysteresis_torque(FOUND, torsion),
+        final=compute_hysteresis_torque(FOUND, torsion),
         initial=600.0 * torsion,
         truth=motor,
     )
@@ -76,11 +89,11 @@ def estimate():
     residual = Residual(joint="<one>", norm=1.0, relative_percent=0.8, std=0.02, samples=900, unit="N m")
     values = (0.353, 1e-4, 0.353, 0.353)
     trials = (
-        MethodTrial(method="two-step", outcome=ElasticOutcome.CONVERGED, error=1.003, values=values),
+        MethodTrial(method="two-step", outcome=MethodOutcome.CONVERGED, error=1.003, values=values),
         MethodTrial(
-            method="elimination", outcome=ElasticOutcome.SOLVED, error=1.44, values=(0.4, 0, 0.3, 0.35)
+            method="elimination", outcome=MethodOutcome.SOLVED, error=1.44, values=(0.4, 0, 0.3, 0.35)
         ),
-        MethodTrial(method="linear-spring", outcome=ElasticOutcome.FAILED, error=None, values=values),
+        MethodTrial(method="linear-spring", outcome=MethodOutcome.FAILED, error=None, values=values),
     )
     return ElasticEstimate(
         robot="arm & hand",
@@ -92,7 +105,7 @@ def estimate():
         residual=(residual, replace(residual, joint="two")),
         energy=replace(residual, joint="all joints", unit="J"),
         condition=30.0,
-        outcome=ElasticOutcome.CONVERGED,
+        outcome=MethodOutcome.CONVERGED,
         history=tuple(
             HistoryEntry(merit=3.0 + 0.1**k, change=0.05**k, norms=(0.07, 20.0 - k, 8.0)) for k in range(1, 5)
         ),
@@ -108,7 +121,7 @@ def estimate():
 def tracking():
     time = np.linspace(0.0, 10.0, 4001)
     wave = np.column_stack([np.sin(3 * time), np.cos(time)])
-    return Tracking(
+    return TrackingRuns(
         runs=tuple(
             TrackingRun(name=name, time=time, error=size * wave)
             for name, size in (("rigid <feed>", 1e-3), ("Case 1", 2e-4), ("Case 2", 4e-4))
@@ -158,7 +171,7 @@ def list_headings(text):
 
 
 def test_context_and_template_have_the_same_names():
-    assert find_variables(TEMPLATE) == {field.name for field in fields(ElasticPage)}
+    assert list_template_variables(TEMPLATE) == {field.name for field in fields(ElasticPage)}
 
 
 def test_the_whole_page_is_well_formed_and_needs_nothing_else(tmp_path, estimate, trial, tracking):
@@ -234,7 +247,7 @@ def test_origin_and_notices_are_told(tmp_path, estimate):
 
 
 def test_springs_are_compared_by_values_that_thresholds_do_not_change(estimate):
-    section = build_spring(estimate.springs[0])
+    section = build_spring_section(estimate.springs[0])
     stiff, reversal, secant, loss = section.lines
     assert (stiff.value, stiff.truth, stiff.error) == ("399", "380", "+5 %")
     assert (reversal.value, reversal.truth) == ("599", "580")
@@ -243,7 +256,7 @@ def test_springs_are_compared_by_values_that_thresholds_do_not_change(estimate):
     # Oracle: the area of the closed loop, by the trapezoid.
     angle = np.linspace(0.0, 5.0 * np.pi / 2.0, 250_001)
     path = REACH * np.sin(angle)
-    torque = find_hysteresis_torque(TRUTH, path)
+    torque = compute_hysteresis_torque(TRUTH, path)
     area = np.trapezoid(torque[50_000:], path[50_000:])
     assert float(loss.truth) == pytest.approx(area, rel=1e-3)
     assert section.stops == (("2", "120", "0.24"), ("6", "80", "0.48"))
@@ -253,25 +266,25 @@ def test_springs_are_compared_by_values_that_thresholds_do_not_change(estimate):
 
 def test_what_was_not_excited_is_said(estimate):
     spring = estimate.springs[0]
-    words = build_spring(spring).words
+    words = build_spring_section(spring).words
     assert words == ("In the logs its torsion reached 20 mrad, its torque 11 N m.",)
-    short = build_spring(replace(spring, torsion=0.005, excited=0.002, torque=2.8))
+    short = build_spring_section(replace(spring, torsion=0.005, excited=0.002, torque=2.8))
     words = " ".join(short.words)
     assert "\n".join(short.words).count("Stops from 6 mrad on never slipped") == 1
     assert "True stops from 6 mrad on never slipped" in words
     assert "Knees that the torque never reached: \N{MINUS SIGN}3, 3 N m" in words
     plain = replace(spring, elasticity=Elasticity(stiffness=100.0), truth=None)
-    assert "without hysteresis" in build_spring(plain).words[-1]
+    assert "without hysteresis" in build_spring_section(plain).words[-1]
 
 
 def test_a_spring_that_was_not_turned_is_drawn_as_far_as_it_slips(estimate):
     spring = replace(estimate.springs[0], torsion=0.0, excited=0.0, torque=0.0)
-    assert "\N{PLUS-MINUS SIGN}7.5 mrad" in build_spring(spring).lines[2].name
+    assert "\N{PLUS-MINUS SIGN}7.5 mrad" in build_spring_section(spring).lines[2].name
 
 
 def test_cubic_and_damped_springs_have_their_lines(estimate):
     spring = Elasticity(stiffness=100.0, cubic=5e4, damping=0.3)
-    section = build_spring(replace(estimate.springs[0], elasticity=spring, truth=None))
+    section = build_spring_section(replace(estimate.springs[0], elasticity=spring, truth=None))
     assert [(line.name, line.value) for line in section.lines[-2:]] == [
         ("cubic stiffness", "5e+04"),
         ("damping", "0.3"),
@@ -296,12 +309,12 @@ def test_methods_are_compared_by_prediction_and_truth(estimate):
 
 def test_medians_have_their_percentiles_and_failures_are_named(estimate):
     scores = (
-        MethodScore(method="two-step", middles=(0.5, 0.9), highs=(1.0, float("inf")), chosen=True),
-        MethodScore(method="independent", middles=(float("inf"), 20.0), highs=(float("inf"), 30.0)),
-        MethodScore(method="elimination", middles=(0.7, None), highs=(0.8, None)),
+        ComparedMethod(method="two-step", middles=(0.5, 0.9), highs=(1.0, float("inf")), chosen=True),
+        ComparedMethod(method="independent", middles=(float("inf"), 20.0), highs=(float("inf"), 30.0)),
+        ComparedMethod(method="elimination", middles=(0.7, None), highs=(0.8, None)),
     )
     measures = (("parameter error", "%"), ("hysteresis error", "%"))
-    section = build_comparison(Comparison(measures=measures, scores=scores, words=("100 seeds.",)))
+    section = build_method_section(MethodComparison(measures=measures, scores=scores, words=("100 seeds.",)))
     assert section.lines[0].values == ("0.5 (1)", "0.9 (90th failed)")
     assert section.lines[1].values == ("failed", "20 (30)")
     assert section.lines[2].values == ("0.7 (0.8)", "\N{EN DASH}")
@@ -311,15 +324,17 @@ def test_medians_have_their_percentiles_and_failures_are_named(estimate):
         "Parameter error: median, with a line to the 90th percentile.",
         "Hysteresis error: median, with a line to the 90th percentile.",
     ]
-    assert build_comparison(Comparison(measures=measures, scores=scores[:1])) is None
-    extras = ElasticExtras(comparisons=(Comparison(measures=measures, scores=scores, words=("A <study>.",)),))
+    assert build_method_section(MethodComparison(measures=measures, scores=scores[:1])) is None
+    extras = ElasticExtras(
+        comparisons=(MethodComparison(measures=measures, scores=scores, words=("A <study>.",)),)
+    )
     assert build_elastic_report(estimate, extras).comparisons[1].words == ("A <study>.",)
 
 
 def test_convergence_survives_iterates_that_ran_away(estimate):
     history = (*estimate.history, HistoryEntry(merit=float("inf"), change=float("nan")))
     section = build_elastic_report(
-        replace(estimate, history=history, outcome=ElasticOutcome.DIVERGED)
+        replace(estimate, history=history, outcome=MethodOutcome.DIVERGED)
     ).convergence
     assert len(section.rows) == 5
     assert "ran away" in section.words
@@ -332,7 +347,7 @@ def test_convergence_survives_iterates_that_ran_away(estimate):
 
 
 def test_the_iterations_of_another_method_stand_in(estimate):
-    plain = replace(estimate, method="elimination", outcome=ElasticOutcome.SOLVED, history=())
+    plain = replace(estimate, method="elimination", outcome=MethodOutcome.SOLVED, history=())
     assert build_elastic_report(plain).convergence is None
     section = build_elastic_report(plain, ElasticExtras(iterated=estimate)).convergence
     assert section.words == "4 iterations of two-step, parameters and residuals no longer changed."
@@ -347,7 +362,7 @@ def test_tracking_has_the_rms_of_every_joint(estimate, tracking):
     expected = np.array([np.sqrt(np.mean(1e6 * run.error**2, axis=0)) for run in tracking.runs])
     np.testing.assert_allclose(values, expected, rtol=1e-3)
     assert section.names == ("<one> (mrad)", "two (mrad)")
-    assert build_elastic_report(estimate, ElasticExtras(tracking=Tracking(runs=()))).tracking is None
+    assert build_elastic_report(estimate, ElasticExtras(tracking=TrackingRuns(runs=()))).tracking is None
 
 
 @pytest.mark.parametrize(("share", "level"), [(0.01, "good"), (0.2, "fair"), (0.5, "poor")])
@@ -383,7 +398,7 @@ def test_the_verdict_without_springs_speaks_of_the_dynamics(estimate, trial):
 
 @pytest.mark.parametrize(
     ("outcome", "level"),
-    [(ElasticOutcome.CONVERGED, "good"), (ElasticOutcome.LIMIT, "fair"), (ElasticOutcome.DIVERGED, "poor")],
+    [(MethodOutcome.CONVERGED, "good"), (MethodOutcome.LIMIT, "fair"), (MethodOutcome.DIVERGED, "poor")],
 )
 def test_the_verdict_follows_how_the_iteration_ended(estimate, trial, outcome, level):
     good = tuple(replace(joint, final=joint.motor) for joint in trial.joints)

@@ -4,15 +4,14 @@ import numpy as np
 import pytest
 
 from symid.codegen.functions import ParameterCard
-from symid.data.recording import Recording
-from symid.elastic.estimate import ElasticEstimate, SpringEstimate
-from symid.elastic.fit import ElasticFit, ElasticOutcome
-from symid.elastic.options import ElasticOptions
-from symid.elastic.trial import predict_trial, try_estimate
 from symid.errors import EstimateError, LogError
-from symid.estimators.estimate import ParameterEstimate, Residual
-from symid.provenance import find_file_digest
+from symid.identification.elastic.estimate import ElasticEstimate, MethodFit, MethodOutcome, SpringEstimate
+from symid.identification.elastic.options import ElasticOptions
+from symid.identification.elastic.validation import evaluate_elastic, predict_elastic
+from symid.identification.estimators.estimate import ParameterEstimate, Residual
+from symid.logs.recording import Recording
 from symid.robot.elasticity import Elasticity
+from symid.serialization import compute_file_digest
 from tests.recovery.closed_form import build_one_axis
 
 MASS, ROTOR, STIFFNESS = 40.0, 6.0, 9000.0
@@ -59,7 +58,7 @@ def library():
 
 
 def build_fit(stiffness=STIFFNESS, **changes):
-    fit = ElasticFit(
+    fit = MethodFit(
         method="two-step",
         beta=np.array([MASS]),
         rotor=np.array([ROTOR]),
@@ -70,7 +69,7 @@ def build_fit(stiffness=STIFFNESS, **changes):
 
 
 def test_true_parameters_leave_nothing(library):
-    trial = predict_trial(library, build_log(), ElasticOptions(cutoff=0.0), build_fit())
+    trial = predict_elastic(library, build_log(), ElasticOptions(cutoff=0.0), build_fit())
     (joint,) = trial.joints
     assert (joint.joint, joint.unit, joint.torsion_unit) == ("joint1", "N", "m")
     scale = np.abs(joint.motor).max()
@@ -84,7 +83,7 @@ def test_true_parameters_leave_nothing(library):
 
 
 def test_a_wrong_spring_is_seen_where_a_spring_takes_part(library):
-    trial = predict_trial(library, build_log(), ElasticOptions(cutoff=0.0), build_fit(1.1 * STIFFNESS))
+    trial = predict_elastic(library, build_log(), ElasticOptions(cutoff=0.0), build_fit(1.1 * STIFFNESS))
     dynamics, motors, links = (lines[0] for _, lines in trial.residuals)
     assert dynamics.relative_percent < 0.2
     assert motors.norm == pytest.approx(0.1 * np.linalg.norm(trial.joints[0].motor), rel=0.02)
@@ -92,7 +91,7 @@ def test_a_wrong_spring_is_seen_where_a_spring_takes_part(library):
 
 
 def test_start_and_truth_are_drawn_where_they_are_known(library):
-    trial = predict_trial(
+    trial = predict_elastic(
         library,
         build_log(),
         ElasticOptions(cutoff=0.0),
@@ -109,7 +108,7 @@ def test_start_and_truth_are_drawn_where_they_are_known(library):
 
 
 def test_a_fit_without_springs_has_no_spring_residuals(library):
-    trial = predict_trial(library, build_log(), ElasticOptions(cutoff=0.0), build_fit(elasticity=()))
+    trial = predict_elastic(library, build_log(), ElasticOptions(cutoff=0.0), build_fit(elasticity=()))
     assert trial.joints[0].final is None
     assert len(trial.residuals) == 1
 
@@ -117,7 +116,7 @@ def test_a_fit_without_springs_has_no_spring_residuals(library):
 def test_one_encoder_has_no_torsion(library):
     log = replace(build_log(), motor_position=None)
     with pytest.raises(LogError):
-        predict_trial(library, log, ElasticOptions(), build_fit())
+        predict_elastic(library, log, ElasticOptions(), build_fit())
 
 
 def build_estimate(**changes):
@@ -149,7 +148,7 @@ def build_estimate(**changes):
         "residual": (residual,),
         "energy": residual,
         "condition": 10.0,
-        "outcome": ElasticOutcome.SOLVED,
+        "outcome": MethodOutcome.SOLVED,
         "history": (),
         "trials": (),
         "sources": ("log",),
@@ -159,12 +158,12 @@ def build_estimate(**changes):
 
 
 def test_an_estimate_is_tried_with_its_own_filters(library):
-    trial = try_estimate(build_estimate(), library, build_log("another"))
+    trial = evaluate_elastic(build_estimate(), library, build_log("another"))
     (joint,) = trial.joints
     np.testing.assert_array_equal(joint.truth, joint.final)
     assert all(entry.relative_percent < 0.2 for _, lines in trial.residuals for entry in lines)
     fast = build_estimate(settings={"stops": 8, "rate": 120.0, "cutoff": 0.0})
-    other = try_estimate(fast, library, build_log("another")).joints[0]
+    other = evaluate_elastic(fast, library, build_log("another")).joints[0]
     lag = np.max(np.abs(other.torsion - joint.torsion))
     assert lag > 0.02 * np.max(np.abs(joint.torsion))
 
@@ -172,14 +171,14 @@ def test_an_estimate_is_tried_with_its_own_filters(library):
 @pytest.mark.parametrize("settings", [{"rate": -1.0}, {"rate": "fast"}, {"cutoff": [1.0]}])
 def test_settings_that_cannot_be_used_are_refused(library, settings):
     with pytest.raises(EstimateError, match="its settings cannot be used") as caught:
-        try_estimate(build_estimate(settings=settings), library, build_log())
+        evaluate_elastic(build_estimate(settings=settings), library, build_log())
     assert caught.value.notices[0].code == "estimate.settings"
 
 
 def test_a_log_of_the_fit_is_known_by_path_or_content(library, tmp_path):
-    assert try_estimate(build_estimate(), library, build_log("log")).fitted
-    assert not try_estimate(build_estimate(), library, build_log("")).fitted
+    assert evaluate_elastic(build_estimate(), library, build_log("log")).fitted
+    assert not evaluate_elastic(build_estimate(), library, build_log("")).fitted
     copy = tmp_path / "copy.npz"
     copy.write_bytes(b"the same bytes")
-    estimate = build_estimate(settings={"log_digests": [find_file_digest(str(copy))], "cutoff": 0.0})
-    assert try_estimate(estimate, library, build_log(str(copy))).fitted
+    estimate = build_estimate(settings={"log_digests": [compute_file_digest(str(copy))], "cutoff": 0.0})
+    assert evaluate_elastic(estimate, library, build_log(str(copy))).fitted

@@ -4,10 +4,18 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from symid.report.axes import Axis, build_axis, find_legend_height, write_tick
-from symid.report.bars import Interval, build_interval_figure
-from symid.report.figures import build_curve_figure, build_line_figure
-from symid.report.lines import Line, thin_curve
+from symid.report.figures import (
+    Axis,
+    Interval,
+    Line,
+    build_axis,
+    build_curve_figure,
+    build_interval_figure,
+    build_line_figure,
+    format_tick,
+    measure_legend,
+    thin_curve,
+)
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -128,7 +136,7 @@ def test_a_single_value_still_has_a_logarithmic_axis():
     [(1e-6, "10⁻⁶"), (2e5, "2×10⁵"), (0.001, "0.001"), (100.0, "100")],  # noqa: RUF001  what a reader sees
 )
 def test_powers_of_ten_are_written_as_such(value, text):
-    assert write_tick(value, logarithmic=True) == text
+    assert format_tick(value, logarithmic=True) == text
 
 
 def test_intervals_show_median_and_percentile_and_mark_the_choice():
@@ -160,10 +168,10 @@ def test_values_alike_have_a_linear_axis_from_zero():
 
 
 def test_long_legends_take_more_rows():
-    assert find_legend_height(["one"]) == 0.0
+    assert measure_legend(["one"]) == 0.0
     few, many = (
-        find_legend_height(["one", "two"]),
-        find_legend_height([f"a long label {n}" for n in range(8)]),
+        measure_legend(["one", "two"]),
+        measure_legend([f"a long label {n}" for n in range(8)]),
     )
     assert 0.0 < few < many
 

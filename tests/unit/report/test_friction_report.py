@@ -6,12 +6,17 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from symid.friction.identify import FrictionTask, identify_friction
-from symid.joint.friction_law import find_torque
-from symid.joint.friction_laws import get_law
-from symid.report.friction import FrictionPage, build_friction_report, write_friction_report
-from symid.report.friction_cloud import build_friction_figure, find_friction_curve
-from symid.report.templates import find_variables
+from symid.identification.friction.identify import FrictionTask, identify_friction
+from symid.joint_models.friction_catalogue import get_law
+from symid.joint_models.friction_law import compute_friction_torque
+from symid.report.friction_page import (
+    FrictionPage,
+    build_friction_figure,
+    build_friction_report,
+    compute_friction_curve,
+    write_friction_report,
+)
+from symid.report.pages import list_template_variables
 from tests.recovery.closed_form import build_two_link
 from tests.unit.friction.cosine_rigs import RAW, STRIBECK, record
 
@@ -37,7 +42,7 @@ class _Checker(HTMLParser):
 
 
 def test_the_template_and_the_page_agree():
-    assert find_variables("friction.html.jinja") == {entry.name for entry in fields(FrictionPage)}
+    assert list_template_variables("friction.html.jinja") == {entry.name for entry in fields(FrictionPage)}
 
 
 def test_the_page_tells_all_and_loads_nothing(found, tmp_path):
@@ -59,10 +64,10 @@ def test_the_page_tells_all_and_loads_nothing(found, tmp_path):
 
 def test_the_band_holds_the_true_curve(found):
     (joint,) = found.joints
-    curve = find_friction_curve(joint)
+    curve = compute_friction_curve(joint)
     law = get_law("stribeck+offset")
     linear, shape = law.from_physical([STRIBECK[entry.name] for entry in law.physical])
-    truth = find_torque(law, {"velocity": curve.velocity}, linear, shape)
+    truth = compute_friction_torque(law, {"velocity": curve.velocity}, linear, shape)
     assert np.all(np.diff(curve.velocity) > 0.0)
     # Two of three at least: neighbours along the curve err together.
     assert np.mean(np.abs(curve.torque - truth) <= curve.half_width) > 0.66
@@ -77,13 +82,13 @@ def test_the_curve_ends_at_the_slowest_row():
     (joint,) = found.joints
     slowest = joint.velocity_map.slowest
     assert 0.25 <= slowest < 0.26
-    curve = find_friction_curve(joint)
+    curve = compute_friction_curve(joint)
     assert np.abs(curve.velocity).min() == pytest.approx(slowest)
     assert {-1.0, 1.0} == set(np.sign(curve.velocity))
     # The law and both edges of its band, in either direction; no line through standstill.
     assert build_friction_figure(joint).count("<polyline") == 2 * 3
     reaching = replace(joint, velocity_map=replace(joint.velocity_map, slowest=1e-5))
-    assert 0.0 in find_friction_curve(reaching).velocity
+    assert 0.0 in compute_friction_curve(reaching).velocity
     assert build_friction_figure(reaching).count("<polyline") == 3
 
 

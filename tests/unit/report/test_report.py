@@ -7,16 +7,17 @@ import pytest
 
 from symid import __version__
 from symid.errors import GenerationError, Notice
-from symid.identification.identify import identify_parameters
-from symid.identification.validate import validate_estimate
-from symid.report.axes import find_ticks
-from symid.report.bars import build_histogram
-from symid.report.figures import build_line_figure
-from symid.report.identification import ReportPage, build_report, write_report
-from symid.report.lines import Line, thin_line
-from symid.report.templates import find_variables, write_page
-from symid.report.verdict import find_verdict
-from symid.robot.log_map import Processing
+from symid.identification.rigid.fit import identify_parameters
+from symid.identification.rigid.validation import validate_estimate
+from symid.report.figures import Line, build_histogram, build_line_figure, choose_ticks, thin_line
+from symid.report.identification_page import (
+    IdentificationPage,
+    build_identification_report,
+    write_identification_report,
+)
+from symid.report.pages import list_template_variables, render_page
+from symid.report.verdict import judge_identification
+from symid.robot.description import Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -36,7 +37,9 @@ def result():
 
 
 def test_context_and_template_have_the_same_names():
-    assert find_variables("identification.html.jinja") == {field.name for field in fields(ReportPage)}
+    assert list_template_variables("identification.html.jinja") == {
+        field.name for field in fields(IdentificationPage)
+    }
 
 
 def test_a_context_that_differs_is_refused():
@@ -48,7 +51,7 @@ def test_a_context_that_differs_is_refused():
     with pytest.raises(
         GenerationError, match=r"its context lacks .*'verdict'.* and has \['unused'\]"
     ) as caught:
-        write_page("identification.html.jinja", Other())
+        render_page("identification.html.jinja", Other())
     assert caught.value.notices[0].code == "report.template-context"
 
 
@@ -64,7 +67,7 @@ class Reader(HTMLParser):
 
 def test_the_page_needs_nothing_else(tmp_path, result):
     estimate, validation = result
-    path = write_report(tmp_path / "report.html", estimate, (validation,))
+    path = write_identification_report(tmp_path / "report.html", estimate, (validation,))
     text = path.read_text(encoding="utf-8")
     reader = Reader()
     reader.feed(text)
@@ -78,14 +81,16 @@ def test_the_page_needs_nothing_else(tmp_path, result):
 
 def test_names_from_files_are_escaped(tmp_path, result):
     estimate, validation = result
-    text = write_report(tmp_path / "report.html", estimate, (validation,)).read_text(encoding="utf-8")
+    text = write_identification_report(tmp_path / "report.html", estimate, (validation,)).read_text(
+        encoding="utf-8"
+    )
     assert "&lt;log 7&gt;" in text
     assert "<log 7>" not in text
 
 
 def test_every_parameter_and_setting_is_shown(result):
     estimate, validation = result
-    page = build_report(estimate, (validation,))
+    page = build_identification_report(estimate, (validation,))
     assert [line.name for line in page.parameters] == [entry.name for entry in estimate.parameters]
     assert all(line.inside == "yes" for line in page.parameters)
     assert ("processing.drop_first", "5") in page.settings
@@ -94,14 +99,14 @@ def test_every_parameter_and_setting_is_shown(result):
 
 def test_the_same_result_gives_the_same_page(tmp_path, result):
     estimate, validation = result
-    first = write_report(tmp_path / "a.html", estimate, (validation,)).read_bytes()
-    assert write_report(tmp_path / "b.html", estimate, (validation,)).read_bytes() == first
+    first = write_identification_report(tmp_path / "a.html", estimate, (validation,)).read_bytes()
+    assert write_identification_report(tmp_path / "b.html", estimate, (validation,)).read_bytes() == first
 
 
 def test_refused_parameters_and_missing_validation_are_said(tmp_path, result):
     estimate, _ = result
     partial = replace(estimate, refused=(("Fc2", "it never moved"),))
-    text = write_report(tmp_path / "report.html", partial).read_text(encoding="utf-8")
+    text = write_identification_report(tmp_path / "report.html", partial).read_text(encoding="utf-8")
     assert "it never moved" in text
     assert "no held-out log has tested them yet" in text
 
@@ -110,16 +115,18 @@ def test_refused_parameters_and_missing_validation_are_said(tmp_path, result):
 def test_the_verdict_follows_the_held_out_residual(result, scale, level):
     estimate, validation = result
     worse = tuple(replace(entry, std=scale * entry.std) for entry in validation.residual)
-    assert find_verdict(estimate, (replace(validation, residual=worse),)).level == level
+    assert judge_identification(estimate, (replace(validation, residual=worse),)).level == level
 
 
 def test_a_true_value_that_was_missed_is_counted(result):
     estimate, validation = result
     first = estimate.parameters[0]
     wrong = replace(first, truth=first.value + 10 * first.std)
-    verdict = find_verdict(replace(estimate, parameters=(wrong, *estimate.parameters[1:])), (validation,))
+    verdict = judge_identification(
+        replace(estimate, parameters=(wrong, *estimate.parameters[1:])), (validation,)
+    )
     assert any("Of 12 parameters whose true value is stated, 11 lie" in detail for detail in verdict.details)
-    assert build_report(replace(estimate, parameters=(wrong,))).parameters[0].inside == "no"
+    assert build_identification_report(replace(estimate, parameters=(wrong,))).parameters[0].inside == "no"
 
 
 def test_thinning_keeps_peaks_and_ends_with_few_points():
@@ -136,8 +143,8 @@ def test_thinning_keeps_peaks_and_ends_with_few_points():
 
 
 def test_ticks_are_round_and_inside():
-    assert find_ticks(0.0, 1.0, 5) == pytest.approx((0, 0.2, 0.4, 0.6, 0.8, 1.0))
-    assert find_ticks(-3.0, 17.0, 5) == pytest.approx((0, 5, 10, 15))
+    assert choose_ticks(0.0, 1.0, 5) == pytest.approx((0, 0.2, 0.4, 0.6, 0.8, 1.0))
+    assert choose_ticks(-3.0, 17.0, 5) == pytest.approx((0, 5, 10, 15))
 
 
 def test_figures_are_xml_that_speaks_and_stay_in_their_frame():
@@ -171,7 +178,7 @@ def test_a_large_residual_is_not_good_however_alike(result):
     levels = []
     for percent in (5.0, 15.0, 40.0):
         loud = tuple(replace(entry, relative_percent=percent) for entry in validation.residual)
-        levels.append(find_verdict(estimate, (replace(validation, residual=loud),)).level)
+        levels.append(judge_identification(estimate, (replace(validation, residual=loud),)).level)
     assert levels == ["good", "fair", "poor"]
 
 
@@ -180,26 +187,26 @@ def test_a_missed_truth_is_not_good_and_is_named(result):
     first = estimate.parameters[0]
     wrong = replace(first, truth=first.value + 10 * first.std)
     missed = replace(estimate, parameters=(wrong, *estimate.parameters[1:]))
-    verdict = find_verdict(missed, (validation,))
+    verdict = judge_identification(missed, (validation,))
     assert verdict.level == "fair"
     assert first.name in verdict.headline
     near = replace(first, truth=first.value + 3.1 * first.std)
     chance = replace(estimate, parameters=(near, *estimate.parameters[1:]))
-    assert find_verdict(chance, (validation,)).level == "good"
+    assert judge_identification(chance, (validation,)).level == "good"
     whole = tuple(replace(entry, truth=entry.value + 5 * entry.std) for entry in estimate.parameters)
-    assert find_verdict(replace(estimate, parameters=whole), (validation,)).level == "poor"
+    assert judge_identification(replace(estimate, parameters=whole), (validation,)).level == "poor"
 
 
 def test_vague_parameters_and_a_bad_condition_are_not_good(result):
     estimate, validation = result
     vague = tuple(replace(entry, truth=None, std=abs(entry.value)) for entry in estimate.parameters)
     for worse in (replace(estimate, parameters=vague), replace(estimate, condition=1e5)):
-        assert find_verdict(worse, (validation,)).level == "fair"
+        assert judge_identification(worse, (validation,)).level == "fair"
 
 
 def test_rows_of_another_kind_say_nothing_about_carrying_over(result):
     estimate, validation = result
-    verdict = find_verdict(replace(estimate, rows="energy"), (validation,))
+    verdict = judge_identification(replace(estimate, rows="energy"), (validation,))
     assert verdict.level == "fair"
     assert "says nothing about carrying over" in verdict.headline
 
@@ -211,16 +218,18 @@ def test_the_log_of_the_fit_is_no_held_out_log(result):
     validation = validate_estimate(estimate, library, recording, Processing(drop_first=5, drop_last=5))
     assert validation.fitted
     assert validation.notices[-1].code == "validate.fitted-log"
-    verdict = find_verdict(estimate, (validation,))
+    verdict = judge_identification(estimate, (validation,))
     assert verdict.level == "fair"
     assert "no held-out log" in verdict.headline
-    assert "fitted to" in build_report(estimate, (validation,)).logs[0].caption
+    assert "fitted to" in build_identification_report(estimate, (validation,)).logs[0].caption
 
 
 def test_the_page_says_where_it_comes_from_and_all_notices(tmp_path, result):
     estimate, validation = result
     notices = (Notice(code="log.converted", text="torque: multiplied by 2", file="a.npz"),)
-    path = write_report(tmp_path / "a.html", estimate, (validation,), notices, ("robot arm of arm.toml",))
+    path = write_identification_report(
+        tmp_path / "a.html", estimate, (validation,), notices, ("robot arm of arm.toml",)
+    )
     text = path.read_text(encoding="utf-8")
     assert "a.npz: torque: multiplied by 2" in text
     assert f"Written by symid {__version__}; robot arm of arm.toml." in text
@@ -228,5 +237,7 @@ def test_the_page_says_where_it_comes_from_and_all_notices(tmp_path, result):
 
 def test_every_table_scrolls_on_narrow_screens(tmp_path, result):
     estimate, validation = result
-    text = write_report(tmp_path / "a.html", estimate, (validation,)).read_text(encoding="utf-8")
+    text = write_identification_report(tmp_path / "a.html", estimate, (validation,)).read_text(
+        encoding="utf-8"
+    )
     assert text.count("<table>") == text.count('<div class="scroll">\n<table>') == 4

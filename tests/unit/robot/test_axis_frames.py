@@ -4,22 +4,24 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from symid.robot.axis_frames import find_axis_frame, find_quarter_turns, invert_placement, to_floats
+from symid.robot.canonical_frames import has_long_denominator, rationalize_placement
 from symid.robot.geometry import (
     IDENTITY,
     Exact,
     Placement,
+    build_axis_frame,
+    build_exact_angle,
     compose_placements,
-    find_angle,
+    invert_placement,
+    rotate_rpy,
     rotate_x,
     rotate_z,
+    snap_to_quarter_turns,
+    to_floats,
     translate,
 )
-from symid.robot.rotations import rotate_rpy
-from symid.robot.settling import is_long, settle_placement
 from tests.urdfs import is_orthogonal
 
 ENTRIES = st.fractions(min_value=-10, max_value=10, max_denominator=10**6)
@@ -27,7 +29,7 @@ ENTRIES = st.fractions(min_value=-10, max_value=10, max_denominator=10**6)
 
 @given(st.tuples(ENTRIES, ENTRIES, ENTRIES).filter(any))
 def test_z_goes_to_the_axis(axis):
-    turned = find_axis_frame(axis)
+    turned = build_axis_frame(axis)
     assert is_orthogonal(turned.placement)
     found = np.array(to_floats(turned.placement))[:, 2]
     wanted = np.array([float(value) for value in axis])
@@ -43,7 +45,7 @@ def test_z_goes_to_the_axis(axis):
 def test_coordinate_axes_are_exact(index, sign):
     axis = [Fraction(0), Fraction(0), Fraction(0)]
     axis[index] = Fraction(sign, 3)
-    turned = find_axis_frame(tuple(axis), snap=0)
+    turned = build_axis_frame(tuple(axis), snap=0)
     assert turned.moved_by == 0
     assert [row[2] for row in turned.placement.rotation] == [Exact.of(3 * value) for value in axis]
     assert is_orthogonal(turned.placement)
@@ -51,7 +53,7 @@ def test_coordinate_axes_are_exact(index, sign):
 
 def test_inverse_placement():
     placement = compose_placements(
-        rotate_rpy(find_angle(0.3), find_angle(-1.0), find_angle(np.pi / 4)),
+        rotate_rpy(build_exact_angle(0.3), build_exact_angle(-1.0), build_exact_angle(np.pi / 4)),
         translate(Exact.of("0.1"), Exact.symbol("L"), Exact.of("-2")),
     )
     assert compose_placements(placement, invert_placement(placement)) == IDENTITY
@@ -59,22 +61,28 @@ def test_inverse_placement():
 
 
 def test_quarter_turns_are_found_within_the_tolerance():
-    near = rotate_x(find_angle(np.pi / 2 + 4e-6, snap=0))
-    turned = find_quarter_turns(near)
-    assert turned.placement == rotate_x(find_angle(np.pi / 2))
+    near = rotate_x(build_exact_angle(np.pi / 2 + 4e-6, snap=0))
+    turned = snap_to_quarter_turns(near)
+    assert turned.placement == rotate_x(build_exact_angle(np.pi / 2))
     assert turned.moved_by == pytest.approx(4e-6, rel=1e-3)
-    assert find_quarter_turns(near, snap=0) is None
-    assert find_quarter_turns(turned.placement) is None
-    assert find_quarter_turns(rotate_x(find_angle(0.2))) is None
+    assert snap_to_quarter_turns(near, snap=0) is None
+    assert snap_to_quarter_turns(turned.placement) is None
+    assert snap_to_quarter_turns(rotate_x(build_exact_angle(0.2))) is None
 
 
 def test_long_numbers_of_two_turns_become_two_angles():
-    thirds = [rotate_z(find_angle(0.2)), rotate_z(find_angle(np.pi / 4 - 0.5)), rotate_z(find_angle(0.3))]
-    total = rotate_x(find_angle(0.7))
+    thirds = [
+        rotate_z(build_exact_angle(0.2)),
+        rotate_z(build_exact_angle(np.pi / 4 - 0.5)),
+        rotate_z(build_exact_angle(0.3)),
+    ]
+    total = rotate_x(build_exact_angle(0.7))
     for step in thirds:
         total = compose_placements(total, step)
-    settled = settle_placement(total)
-    assert settled.placement == compose_placements(rotate_x(find_angle(0.7)), rotate_z(find_angle(np.pi / 4)))
+    settled = rationalize_placement(total)
+    assert settled.placement == compose_placements(
+        rotate_x(build_exact_angle(0.7)), rotate_z(build_exact_angle(np.pi / 4))
+    )
     assert settled.moved_by < 1e-14
 
 
@@ -83,27 +91,27 @@ def test_long_numbers_of_any_turn_become_shorter(largest):
     angles = [(0.1, 0.2, 0.3), (3.0, 0.2, 0.1), (0.1, 3.0, 0.2), (0.2, 0.1, 3.0)][largest]
     long = IDENTITY
     for part in (0.25, 0.5, 0.25):
-        step = [find_angle(part * angle) for angle in angles]
+        step = [build_exact_angle(part * angle) for angle in angles]
         long = compose_placements(long, rotate_rpy(*step))
-    assert any(is_long(entry, 10**36) for row in long.rotation for entry in row)
-    settled = settle_placement(long)
+    assert any(has_long_denominator(entry, 10**36) for row in long.rotation for entry in row)
+    settled = rationalize_placement(long)
     assert is_orthogonal(settled.placement)
-    assert not any(is_long(entry, 10**33) for row in settled.placement.rotation for entry in row)
+    assert not any(has_long_denominator(entry, 10**33) for row in settled.placement.rotation for entry in row)
     np.testing.assert_allclose(to_floats(settled.placement), to_floats(long), atol=1e-15)
 
 
 def test_short_numbers_stay():
     placement = Placement(
-        rotation=rotate_rpy(find_angle(0.3), find_angle(0.2), find_angle(0.0)).rotation,
+        rotation=rotate_rpy(build_exact_angle(0.3), build_exact_angle(0.2), build_exact_angle(0.0)).rotation,
         translation=(Exact.of("0.123456789"), Exact.surd(Fraction(0), Fraction(1, 7)), Exact.symbol("L")),
     )
-    assert settle_placement(placement).placement == placement
+    assert rationalize_placement(placement).placement == placement
 
 
 def test_lengths_are_rounded_where_they_are_long_and_dust_is_dropped():
     origin = (Exact.of("0.10000000000000003"), Exact.of("1e-17"), Exact.of("0.5"))
-    settled = settle_placement(Placement(rotation=IDENTITY.rotation, translation=origin))
+    settled = rationalize_placement(Placement(rotation=IDENTITY.rotation, translation=origin))
     assert [str(value) for value in settled.placement.translation] == ["1/10", "0", "1/2"]
     symbolic = (Exact.symbol("L"), Exact.of("0.10000000000000003"), Exact.of("0"))
-    settled = settle_placement(Placement(rotation=IDENTITY.rotation, translation=symbolic), {"L": 1.0})
+    settled = rationalize_placement(Placement(rotation=IDENTITY.rotation, translation=symbolic), {"L": 1.0})
     assert settled.placement.translation == symbolic

@@ -6,9 +6,9 @@ from fractions import Fraction
 import numpy as np
 import pinocchio as pin
 
-from symid.robot.description import LinkForm, Mimic, Robot
+from symid.robot.description import Mimic, Robot, SymbolicInertia
 from symid.robot.geometry import ONE, ZERO, Exact, compose_placements, translate
-from symid.robot.lumping import lump_fixed
+from symid.robot.inertia import lump_fixed_joints
 from tests.chains import build_joint, build_pinocchio, draw_parameters
 
 ROWS = [(0.3, 0.1, 0.2, "q"), (np.pi / 2, 0.3, -0.1, "q"), (0.5, 0, 0.25, "q"), (-1.0, 0.2, 0.1, "q")]
@@ -31,7 +31,7 @@ def test_torques_are_those_of_the_whole_tree_with_the_joints_locked():
     joints = build()
     values = np.array([joint.inertial for joint in joints])
     whole = build_pinocchio(Robot(name="whole", joints=tuple(joints)), values)
-    lumped = lump_fixed(joints, {1, 3})
+    lumped = lump_fixed_joints(joints, {1, 3})
     assert [joint.name for joint in lumped.joints] == ["joint1", "joint3"]
     assert lumped.indices == (0, None, 1, None)
     part = build_pinocchio(
@@ -48,7 +48,7 @@ def test_torques_are_those_of_the_whole_tree_with_the_joints_locked():
 
 def test_what_is_fixed_to_the_base_is_gone_and_its_frame_kept():
     joints = build()
-    lumped = lump_fixed(joints, [0])
+    lumped = lump_fixed_joints(joints, [0])
     assert lumped.joints[0].parent == -1
     assert lumped.joints[0].placement == compose_placements(joints[0].placement, joints[1].placement)
     (frame,) = lumped.frames
@@ -58,7 +58,7 @@ def test_what_is_fixed_to_the_base_is_gone_and_its_frame_kept():
 
 def test_frames_are_seen_from_their_carrier():
     joints = build(parents=(-1, 0, 1, 0))
-    lumped = lump_fixed(joints, {1, 2})
+    lumped = lump_fixed_joints(joints, {1, 2})
     assert [(frame.name, frame.carrier) for frame in lumped.frames] == [("joint2", 0), ("joint3", 0)]
     assert lumped.frames[1].placement == compose_placements(joints[1].placement, joints[2].placement)
     assert [joint.parent for joint in lumped.joints] == [-1, 0]
@@ -68,26 +68,26 @@ def test_unknown_values():
     values = draw_parameters(np.random.default_rng(3), 4)
     # A frame without mass changes nothing.
     joints = build(values=[values[0], None, values[2], values[3]])
-    assert lump_fixed(joints, {1}).joints[0].inertial == joints[0].inertial
+    assert lump_fixed_joints(joints, {1}).joints[0].inertial == joints[0].inertial
     # What is unknown stays unknown, whatever is fixed to it.
     joints = build(values=[None, values[1], values[2], values[3]])
-    assert lump_fixed(joints, {1}).joints[0].inertial is None
+    assert lump_fixed_joints(joints, {1}).joints[0].inertial is None
 
 
 def test_followers_keep_their_master_and_those_of_a_fixed_joint_are_fixed():
     joints = build(parents=(-1, 0, 0, 0))
     joints[2] = dataclasses.replace(joints[2], mimic=Mimic(master=1, multiplier=Fraction(2)))
     joints[3] = dataclasses.replace(joints[3], mimic=Mimic(master=1, multiplier=Fraction(-1)))
-    lumped = lump_fixed(joints, {0})
+    lumped = lump_fixed_joints(joints, {0})
     assert [joint.mimic and joint.mimic.master for joint in lumped.joints] == [None, 0, 0]
-    lumped = lump_fixed(joints, {1})
+    lumped = lump_fixed_joints(joints, {1})
     assert [joint.name for joint in lumped.joints] == ["joint1"]
 
 
 def test_symbolic_lengths_take_part():
     joints = build()
     joints[1] = dataclasses.replace(joints[1], placement=translate(Exact.symbol("L1"), ZERO, ZERO))
-    lumped = lump_fixed(joints, {1}, {"L1": 0.5})
+    lumped = lump_fixed_joints(joints, {1}, {"L1": 0.5})
     mass = joints[1].inertial[9]
     assert lumped.joints[0].inertial[9] == joints[0].inertial[9] + mass
     moment = joints[0].inertial[6] + joints[1].inertial[6] + 0.5 * mass
@@ -98,9 +98,9 @@ def test_symbolic_lengths_take_part():
 
 
 def test_a_form_in_symbols_stays_only_where_nothing_with_mass_joins():
-    form = LinkForm(mass=Exact.symbol("m1"), com=(ZERO, ZERO, ZERO), inertia=(ONE,) * 6)
+    form = SymbolicInertia(mass=Exact.symbol("m1"), com=(ZERO, ZERO, ZERO), inertia=(ONE,) * 6)
     joints = build(values=[None, None, None, None])
     joints[0] = dataclasses.replace(joints[0], form=form)
-    assert lump_fixed(joints, {1}).joints[0].form == form
+    assert lump_fixed_joints(joints, {1}).joints[0].form == form
     joints[1] = dataclasses.replace(joints[1], inertial=(1.0,) * 10)
-    assert lump_fixed(joints, {1}).joints[0].form is None
+    assert lump_fixed_joints(joints, {1}).joints[0].form is None

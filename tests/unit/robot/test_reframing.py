@@ -7,23 +7,22 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from symid.codegen.casadi_functions import build_functions
-from symid.codegen.instructions import count_operations
-from symid.codegen.program import build_program
-from symid.formats.urdf import parse_urdf
-from symid.formats.urdf_writer import write_urdf
-from symid.parameters.base import find_base_parameters
-from symid.robot.axis_frames import invert_placement
+from symid.codegen.casadi_functions import build_functions, read_sx_program
+from symid.codegen.programs import count_operations
+from symid.dynamics.base_parameters import derive_base_parameters
+from symid.robot.canonical_frames import choose_canonical_frames
 from symid.robot.geometry import (
     IDENTITY,
     Exact,
+    build_exact_angle,
     compose_placements,
-    find_angle,
+    invert_placement,
     place_modified_dh,
     rotate_z,
     translate,
 )
-from symid.robot.reframing import reframe_joints
+from symid.robot.urdf_reader import parse_urdf
+from symid.robot.urdf_writer import write_urdf
 from tests.chains import build_chain, build_joint, build_pinocchio, draw_parameters
 from tests.urdfs import AXES, is_orthogonal, shift_z, write_odd_urdf
 
@@ -85,7 +84,7 @@ def choose_frames(robot, rng, turns):
     """Return the robot in link frames turned about and shifted along their axes."""
     moves = [
         compose_placements(
-            rotate_z(find_angle(np.radians(pick(rng, turns)) if turns else rng.uniform(-3, 3))),
+            rotate_z(build_exact_angle(np.radians(pick(rng, turns)) if turns else rng.uniform(-3, 3))),
             shift_z(pick(rng, SHIFTS)),
         )
         for _ in robot.joints
@@ -102,7 +101,7 @@ def choose_frames(robot, rng, turns):
 @pytest.mark.parametrize("name", ROWS)
 def test_the_modified_form_stays_as_it_is(name):
     robot = build_robot(name)
-    reframed = reframe_joints(robot.joints)
+    reframed = choose_canonical_frames(robot.joints)
     assert reframed.joints == robot.joints
     assert reframed.moved_by == (0.0,) * robot.size
 
@@ -130,10 +129,10 @@ def test_rounded_numbers_of_odd_frames_give_the_modified_form(name, turns):
 
 def describe(robot):
     """Return names and expressions of the base parameters, and the operations of two functions."""
-    base = find_base_parameters(robot)
+    base = derive_base_parameters(robot)
     functions = build_functions(robot, names=("inverse_dynamics", "torque_regressor"))
     pairs = zip(functions.functions, functions.card.functions, strict=True)
-    counts = [count_operations(build_program(function, spec)) for function, spec in pairs]
+    counts = [count_operations(read_sx_program(function, spec)) for function, spec in pairs]
     return [(entry.name, entry.expression) for entry in base.parameters], counts
 
 
@@ -152,7 +151,7 @@ def test_physics_stays():
         dataclasses.replace(joint, inertial=tuple(values))
         for joint, values in zip(robot.joints, parameters, strict=True)
     ]
-    other = dataclasses.replace(robot, joints=reframe_joints(joints).joints)
+    other = dataclasses.replace(robot, joints=choose_canonical_frames(joints).joints)
     assert all(is_orthogonal(joint.placement) for joint in other.joints)
     models = [
         build_pinocchio(robot, parameters),
@@ -166,7 +165,7 @@ def test_physics_stays():
 
 def test_the_file_frame_stays_where_it_is():
     robot = choose_frames(build_robot("puma560"), np.random.default_rng(9), TURNS)
-    reframed = reframe_joints(robot.joints).joints
+    reframed = choose_canonical_frames(robot.joints).joints
     poses = [[IDENTITY], [IDENTITY]]
     for old, new in zip(robot.joints, reframed, strict=True):
         for pose, joint in zip(poses, (old, new), strict=True):
@@ -178,14 +177,14 @@ def test_in_a_tree_the_first_child_decides():
     trunk = build_joint(0, (0.0, 0, 0, "q"))
     first = build_joint(1, (np.pi / 2, 0.2, 0, "q"), parent=0)
     placement = compose_placements(
-        rotate_z(find_angle(np.pi / 2)),
-        place_modified_dh(find_angle(np.pi / 2), *[Exact()] * 2, find_angle(0)),
+        rotate_z(build_exact_angle(np.pi / 2)),
+        place_modified_dh(build_exact_angle(np.pi / 2), *[Exact()] * 2, build_exact_angle(0)),
     )
     second = dataclasses.replace(build_joint(2, (0.0, 0, 0, "q"), parent=0), placement=placement)
-    found = reframe_joints((trunk, first, second)).joints
+    found = choose_canonical_frames((trunk, first, second)).joints
     assert [joint.placement for joint in found[:2]] == [trunk.placement, first.placement]
-    swapped = reframe_joints((trunk, second, first)).joints
-    assert swapped[0].placement == compose_placements(trunk.placement, rotate_z(find_angle(np.pi / 2)))
+    swapped = choose_canonical_frames((trunk, second, first)).joints
+    assert swapped[0].placement == compose_placements(trunk.placement, rotate_z(build_exact_angle(np.pi / 2)))
 
 
 def test_a_written_distance_with_an_irrational_length_keeps_its_frame():
@@ -193,18 +192,18 @@ def test_a_written_distance_with_an_irrational_length_keeps_its_frame():
     second = build_joint(1, (0.0, 0, 0, "q"))
     aside = translate(Exact.of("0.1"), Exact.of("0.2"), Exact())
     second = dataclasses.replace(second, placement=aside)
-    assert [joint.placement for joint in reframe_joints((first, second)).joints] == [IDENTITY, aside]
+    assert [joint.placement for joint in choose_canonical_frames((first, second)).joints] == [IDENTITY, aside]
 
 
 def test_symbolic_lengths_are_moved_along():
     first = build_joint(0, (0.0, 0, "L1", "q"))
     second = build_joint(1, (0.0, "L2", 0, "q"))
     turned = dataclasses.replace(
-        first, placement=compose_placements(first.placement, rotate_z(find_angle(2.0)))
+        first, placement=compose_placements(first.placement, rotate_z(build_exact_angle(2.0)))
     )
-    back = rotate_z(find_angle(-2.0))
+    back = rotate_z(build_exact_angle(-2.0))
     follower = dataclasses.replace(second, placement=compose_placements(back, second.placement))
-    found = reframe_joints((turned, follower), {"L1": 0.3, "L2": 0.4}).joints
+    found = choose_canonical_frames((turned, follower), {"L1": 0.3, "L2": 0.4}).joints
     # Both axes are parallel, so the offset along them goes to the last link, and there to its free frame.
     assert [str(value) for value in found[0].placement.translation] == ["0", "0", "0"]
     assert [str(value) for value in found[0].frame.translation] == ["0", "0", "L1"]
@@ -212,20 +211,22 @@ def test_symbolic_lengths_are_moved_along():
 
 def test_nearly_parallel_axes_become_parallel_and_that_is_said():
     first = build_joint(0, (0.0, 0, 0, "q"))
-    tilted = place_modified_dh(find_angle(3e-6, snap=0), Exact.of("0.3"), Exact(), find_angle(0.2))
+    tilted = place_modified_dh(
+        build_exact_angle(3e-6, snap=0), Exact.of("0.3"), Exact(), build_exact_angle(0.2)
+    )
     second = dataclasses.replace(build_joint(1, (0.0, 0, 0, "q")), placement=tilted)
-    reframed = reframe_joints((first, second))
+    reframed = choose_canonical_frames((first, second))
     assert [str(value) for value in reframed.joints[1].placement.rotation[2]] == ["0", "0", "1"]
     assert reframed.moved_by[1] == pytest.approx(3e-6, rel=1e-3)
-    free = reframe_joints((first, second), snap=0)
+    free = choose_canonical_frames((first, second), snap=0)
     assert free.moved_by[1] < 1e-12
     assert free.joints[1].placement.rotation[2][1].to_float() == pytest.approx(3e-6)
 
 
 def test_a_frame_of_the_file_that_is_moved_is_said():
     first = build_joint(0, (0.0, 0, 0, "q"))
-    moved = dataclasses.replace(first, frame=rotate_z(find_angle(np.pi / 2 + 4e-6, snap=0)))
-    reframed = reframe_joints((moved,))
+    moved = dataclasses.replace(first, frame=rotate_z(build_exact_angle(np.pi / 2 + 4e-6, snap=0)))
+    reframed = choose_canonical_frames((moved,))
     assert [str(value) for value in reframed.joints[0].frame.rotation[0]] == ["0", "-1", "0"]
     assert reframed.moved_by[0] == pytest.approx(4e-6, rel=1e-3)
 
@@ -234,16 +235,16 @@ def test_a_common_normal_far_away_leaves_the_origin_at_the_robot():
     first = build_joint(0, (0.0, 0, 0.1, "q"))
     tilted = compose_placements(
         translate(Exact.of("0.3"), Exact.of("0.2"), Exact()),
-        place_modified_dh(find_angle(1e-4), Exact(), Exact(), find_angle(0)),
+        place_modified_dh(build_exact_angle(1e-4), Exact(), Exact(), build_exact_angle(0)),
     )
     second = dataclasses.replace(build_joint(1, (0.0, 0, 0, "q")), placement=tilted)
-    reframed = reframe_joints((first, second))
+    reframed = choose_canonical_frames((first, second))
     lengths = [value.to_float() for joint in reframed.joints for value in joint.placement.translation]
     assert max(abs(length) for length in lengths) < 1
     assert reframed.tilts == (0.0, pytest.approx(1e-4, rel=1e-6))
-    steep = place_modified_dh(find_angle(0.3), Exact.of("0.3"), Exact(), find_angle(0))
+    steep = place_modified_dh(build_exact_angle(0.3), Exact.of("0.3"), Exact(), build_exact_angle(0))
     second = dataclasses.replace(second, placement=steep)
-    assert reframe_joints((first, second)).tilts == (0.0, 0.0)
+    assert choose_canonical_frames((first, second)).tilts == (0.0, 0.0)
 
 
 def strip_numbers(expression):
@@ -269,7 +270,7 @@ def test_the_frame_does_not_depend_on_the_digits_of_the_file(digits, turns):
             assert value.to_float() == pytest.approx(wanted.to_float(), abs=10.0 ** (2 - digits) + 1e-12)
     if digits < 12:
         return
-    base, wanted = find_base_parameters(found), find_base_parameters(robot)
+    base, wanted = derive_base_parameters(found), derive_base_parameters(robot)
     assert [entry.name for entry in base.parameters] == [entry.name for entry in wanted.parameters]
     for mine, other in zip(base.parameters, wanted.parameters, strict=True):
         assert strip_numbers(mine.expression) == strip_numbers(other.expression)

@@ -3,11 +3,9 @@
 from fractions import Fraction
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from symid.robot.geometry import ONE, ZERO, Exact
-from symid.robot.surds import find_inverse, find_root
+from symid.robot.geometry import ONE, ZERO, Exact, compute_square_root, invert_exact
 
 RATIONALS = st.fractions(min_value=-100, max_value=100, max_denominator=10**9)
 NUMBERS = st.builds(Exact.surd, RATIONALS, RATIONALS, RATIONALS, RATIONALS)
@@ -15,17 +13,17 @@ NUMBERS = st.builds(Exact.surd, RATIONALS, RATIONALS, RATIONALS, RATIONALS)
 
 @given(NUMBERS.filter(bool))
 def test_a_number_times_its_inverse_is_one(value):
-    assert value * find_inverse(value) == ONE
+    assert value * invert_exact(value) == ONE
 
 
 def test_zero_has_no_inverse():
     with pytest.raises(ZeroDivisionError):
-        find_inverse(ZERO)
+        invert_exact(ZERO)
 
 
 @given(NUMBERS)
 def test_the_root_of_a_square_is_the_number(value):
-    root = find_root(value * value)
+    root = compute_square_root(value * value)
     assert root in {value, -value}
     assert root.to_float() >= -1e-9
 
@@ -44,4 +42,4 @@ def test_the_root_of_a_square_is_the_number(value):
     ],
 )
 def test_roots_in_the_field_and_outside(value, root):
-    assert str(find_root(value)) == root
+    assert str(compute_square_root(value)) == root

@@ -8,9 +8,9 @@ import pytest
 
 from symid.codegen.cache import prepare_library
 from symid.codegen.functions import JointCard, ModelCard, ParameterCard
-from symid.formats.toml import read_robot
 from symid.robot.description import FrictionKind, FrictionValues, Joint, JointKind, Robot
 from symid.robot.geometry import IDENTITY
+from symid.robot.toml_reader import read_robot
 
 G = 9.81
 ELASTIC_FUNCTIONS = (

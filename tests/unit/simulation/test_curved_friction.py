@@ -7,9 +7,8 @@ from scipy.optimize import brentq
 
 from symid.codegen.cache import prepare_library
 from symid.errors import SolverError, UsageError
-from symid.formats.toml import parse_robot
-from symid.simulation.friction import find_friction_lines
-from symid.simulation.plant import Plant, start_state
+from symid.robot.toml_reader import parse_robot
+from symid.simulation.rigid_plant import RigidPlant, build_friction_lines, build_rest_state
 
 FILE = """
 name = "slide"
@@ -53,7 +52,7 @@ def fall(v):
 
 
 def test_its_levels_are_the_limits_at_standstill(stribeck):
-    lines = find_friction_lines(stribeck)
+    lines = build_friction_lines(stribeck)
     assert lines.level[:, 0].tolist() == [0.0, 6.0, -6.0]
     assert lines.curved.tolist() == [True]
     for mode in (1, -1):
@@ -66,17 +65,17 @@ def test_its_levels_are_the_limits_at_standstill(stribeck):
 
 
 def test_it_sticks_below_the_static_level_and_breaks_away_above(stribeck):
-    plant = Plant(stribeck)
-    held = plant.advance(start_state(np.zeros(1)), np.array([5.999]), 0.1, 10)
+    plant = RigidPlant(stribeck)
+    held = plant.advance(build_rest_state(np.zeros(1)), np.array([5.999]), 0.1, 10)
     assert (held.q[0], held.dq[0], held.modes) == (0.0, 0.0, (0,))
-    free = plant.advance(start_state(np.zeros(1)), np.array([6.001]), 0.1, 100)
+    free = plant.advance(build_rest_state(np.zeros(1)), np.array([6.001]), 0.1, 100)
     assert free.dq[0] > 0.0
     assert free.modes == (1,)
 
 
 def test_it_slides_as_the_equation_of_motion_says(stribeck):
-    plant = Plant(stribeck)
-    state = plant.advance(start_state(np.zeros(1)), np.array([8.0]), 0.3, 3000)
+    plant = RigidPlant(stribeck)
+    state = plant.advance(build_rest_state(np.zeros(1)), np.array([8.0]), 0.3, 3000)
     exact = solve_ivp(lambda _t, v: (8.0 - fall(v)) / 2.0, (0, 0.3), [1e-12], rtol=1e-11, atol=1e-13)
     assert state.dq[0] == pytest.approx(exact.y[0, -1], rel=1e-7)
     kinetic = 0.5 * 2.0 * state.dq[0] ** 2
@@ -84,8 +83,8 @@ def test_it_slides_as_the_equation_of_motion_says(stribeck):
 
 
 def test_it_comes_to_rest_and_stays(stribeck):
-    plant = Plant(stribeck)
-    moving = plant.advance(start_state(np.zeros(1)), np.array([8.0]), 0.3, 300)
+    plant = RigidPlant(stribeck)
+    moving = plant.advance(build_rest_state(np.zeros(1)), np.array([8.0]), 0.3, 300)
     rest = plant.advance(moving, np.array([0.0]), 0.5, 500)
     assert (rest.dq[0], rest.modes) == (0.0, (0,))
     assert rest.events == moving.events + 1
@@ -94,8 +93,8 @@ def test_it_comes_to_rest_and_stays(stribeck):
 
 def test_friction_that_is_continuous_never_sticks():
     library = prepare_library(parse_robot(FILE.format(friction=MAKKAR)))
-    plant = Plant(library)
-    state = plant.advance(start_state(np.zeros(1)), np.array([0.5]), 0.5, 1000)
+    plant = RigidPlant(library)
+    state = plant.advance(build_rest_state(np.zeros(1)), np.array([0.5]), 0.5, 1000)
 
     # It creeps at the speed whose friction is the force.
     def excess(v):
@@ -107,7 +106,7 @@ def test_friction_that_is_continuous_never_sticks():
 def test_curved_friction_that_pushes_is_refused():
     text = FILE.format(friction=STRIBECK.replace("Fe = 2.0", "Fe = -5.0"))
     with pytest.raises(UsageError, match="friction must oppose motion") as caught:
-        find_friction_lines(prepare_library(parse_robot(text)))
+        build_friction_lines(prepare_library(parse_robot(text)))
     assert caught.value.notices[0].code == "usage.negative-friction"
 
 
@@ -125,14 +124,14 @@ def test_curved_friction_that_pushes_is_refused():
 def test_a_curve_that_pushes_at_some_speed_is_refused(friction, said):
     library = prepare_library(parse_robot(FILE.format(friction=friction)))
     with pytest.raises(UsageError, match=said) as caught:
-        Plant(library)
+        RigidPlant(library)
     assert caught.value.notices[0].code == "usage.negative-friction"
 
 
 def test_a_curve_that_pushes_only_beyond_the_velocity_limit_is_refused_when_it_gets_there():
     friction = 'model = "cubic"\nFv = 0.6\nFc = 0.2\nFvq = -1\nFvc = 0'
     library = prepare_library(parse_robot(FILE.format(friction=friction)))
-    plant = Plant(library, speeds=np.array([0.8]))
+    plant = RigidPlant(library, speeds=np.array([0.8]))
     plant.check_friction(np.array([[0.0], [0.8], [-0.8]]))
     with pytest.raises(UsageError, match="keep the joint slower") as caught:
         plant.check_friction(np.array([[0.0], [0.8], [-0.9]]))
@@ -141,7 +140,7 @@ def test_a_curve_that_pushes_only_beyond_the_velocity_limit_is_refused_when_it_g
 
 def test_bias_is_no_push():
     friction = 'model = "improved_stribeck"\nFv = 1\nFc = 1\nFe = 1\nFp = 9\nvs = 0.1\ndq0 = 0.02'
-    assert Plant(prepare_library(parse_robot(FILE.format(friction=friction)))).size == 1
+    assert RigidPlant(prepare_library(parse_robot(FILE.format(friction=friction)))).size == 1
 
 
 def find_improved(v, edge):
@@ -151,7 +150,7 @@ def find_improved(v, edge):
 
 def drive(plant, period, count):
     """Return force, velocity and the end of a run under a force that changes its sign."""
-    state, speeds = start_state(np.zeros(1)), [0.0]
+    state, speeds = build_rest_state(np.zeros(1)), [0.0]
     torque = [9.0 * np.sin(2 * np.pi * 2.0 * k * period) for k in range(count)]
     for value in torque:
         state = plant.advance(state, np.array([value]), period)
@@ -166,7 +165,7 @@ def test_a_steep_zone_is_followed_as_an_implicit_solver_does(edge, allowed):
     friction = f'model = "improved_stribeck"\n{values}\ndq0 = {edge}'
     text = FILE.replace("mass = 2.0", "mass = 0.08").format(friction=friction)
     period, count = 1e-3, 440
-    torque, speeds, state = drive(Plant(prepare_library(parse_robot(text))), period, count)
+    torque, speeds, state = drive(RigidPlant(prepare_library(parse_robot(text))), period, count)
     exact = [0.0]
     for value in torque:
         done = solve_ivp(
@@ -187,7 +186,7 @@ def test_a_steep_zone_is_followed_as_an_implicit_solver_does(edge, allowed):
 
 @pytest.mark.parametrize("friction", ['model = "power_law"\nFc = 1\nFd = 2\ndelta = 0.3', STRIBECK])
 def test_work_and_loss_agree_over_reversals(friction):
-    plant = Plant(
+    plant = RigidPlant(
         prepare_library(parse_robot(FILE.replace("mass = 2.0", "mass = 0.08").format(friction=friction)))
     )
     _, speeds, state = drive(plant, 1e-3, 600)
@@ -198,7 +197,7 @@ def test_work_and_loss_agree_over_reversals(friction):
 
 def test_a_zone_too_steep_to_follow_is_refused_by_name():
     friction = 'model = "improved_stribeck"\nFv = 1\nFc = 4\nFe = 1\nFp = 0\nvs = 0.1\ndq0 = 1e-9'
-    plant = Plant(prepare_library(parse_robot(FILE.format(friction=friction))))
+    plant = RigidPlant(prepare_library(parse_robot(FILE.format(friction=friction))))
     with pytest.raises(
         SolverError, match=r"the friction of 'x' rises so steeply .* widen the zone"
     ) as caught:
@@ -221,5 +220,5 @@ com = [0, 0, 0]
     text += '[[coupling]]\nname = "m"\nterms = { x = 1, y = 1 }\n[coupling.friction]\nmodel = "stribeck"\n'
     text += "Fv = 0\nFc = 0\nFe = 1\nvs = 0.01\n"
     with pytest.raises(UsageError, match="Fem") as caught:
-        find_friction_lines(prepare_library(parse_robot(text)))
+        build_friction_lines(prepare_library(parse_robot(text)))
     assert caught.value.notices[0].code == "usage.shared-friction"

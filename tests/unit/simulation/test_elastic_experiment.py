@@ -11,32 +11,32 @@ from symid.errors import SolverError, UsageError
 from symid.excitation.trajectories import (
     FourierOptions,
     build_random_fourier,
-    build_scaled,
     build_ta,
     build_tb,
     build_tc,
+    scale_trajectory,
 )
-from symid.formats.toml import read_robot
-from symid.joint.plays import find_hysteresis_torque, find_spring_work
+from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque, compute_spring_work
 from symid.robot.description import CurvedFriction, FrictionKind, FrictionValues, Limits
 from symid.robot.elasticity import Elasticity, Stop
-from symid.simulation.elastic_experiment import simulate_elastic
-from symid.simulation.elastic_options import (
+from symid.robot.toml_reader import read_robot
+from symid.simulation.elastic_experiment import (
     ElasticExperimentOptions,
+    MotorGains,
     MotorReference,
     build_clean_options,
     build_noisy_options,
+    compute_gains,
+    observe,
+    simulate_elastic,
 )
-from symid.simulation.elastic_run import observe
-from symid.simulation.elastic_sensors import ElasticSensors
-from symid.simulation.elastic_values import build_plant_robot, find_elastic_values
+from symid.simulation.elastic_plant import build_plant_robot, compute_rest, get_elastic_values
 from symid.simulation.experiment import ExperimentOptions, simulate_experiment
-from symid.simulation.gains import Gains, find_gains
-from symid.simulation.rest import find_rest
+from symid.simulation.sensors import ElasticSensors
 
 FUNCTIONS = ("forward_dynamics", "mass_matrix", "gravity", "energy", "friction", "friction_regressor")
 CLEAN = build_clean_options()
-FAST = build_scaled(build_ta(duration=8.0), 10.0)
+FAST = scale_trajectory(build_ta(duration=8.0), 10.0)
 
 
 def simulate(robot, library, trajectory=FAST, options=CLEAN, seed=0, **others):
@@ -88,7 +88,7 @@ def test_energy_balance_of_windows_with_sums_and_plays_of_the_log(elastic_robot,
     run = simulate(elastic_robot, elastic_library, trajectory)
     work = np.cumsum(run.torque[:-1] * np.diff(run.theta, axis=0), axis=0).sum(axis=1)
     springs = [
-        find_spring_work(joint.elasticity, np.ascontiguousarray(run.phi[:, index]))
+        compute_spring_work(joint.elasticity, np.ascontiguousarray(run.phi[:, index]))
         for index, joint in enumerate(elastic_robot.axes)
     ]
     energy = run.kinetic + run.potential + run.spin
@@ -110,7 +110,7 @@ def test_friction_takes_what_its_power_adds_up_to(elastic_robot, elastic_library
 
 def test_the_joint_torque_is_that_of_the_hysteresis_model(elastic_robot, fast):
     for index, joint in enumerate(elastic_robot.axes):
-        torque = find_hysteresis_torque(joint.elasticity, np.ascontiguousarray(fast.phi[:, index]))
+        torque = compute_hysteresis_torque(joint.elasticity, np.ascontiguousarray(fast.phi[:, index]))
         # Torsion turns between samples: the plays of the samples miss the last bit of the way.
         np.testing.assert_allclose(fast.joint_torque[:, index], torque, atol=1e-5)
 
@@ -136,12 +136,12 @@ def test_nothing_jumps_at_the_start_of_a_robot_that_carries_its_weight(elastic_r
     # The ramp moves by less than 1e-9 rad in the first ticks, and so does the robot.
     assert np.abs(run.dq[:20]).max() < 1e-6
     assert np.abs(run.dtheta[:20]).max() < 1e-4
-    torque = find_hysteresis_torque(elastic_robot.axes[0].elasticity, run.phi[:1, 0])
+    torque = compute_hysteresis_torque(elastic_robot.axes[0].elasticity, run.phi[:1, 0])
     assert torque[0] == pytest.approx(weight[0], rel=1e-9)
 
 
 def test_friction_with_an_offset_is_carried_from_the_first_tick(elastic_robot, elastic_library):
-    values = find_elastic_values(elastic_robot, elastic_library.card)
+    values = get_elastic_values(elastic_robot, elastic_library.card)
     run = simulate(elastic_robot, elastic_library, build_tc(duration=0.2), values=values)
     np.testing.assert_array_equal(run.torque[0], [0.0, 0.0])
 
@@ -235,7 +235,7 @@ def test_torque_limits_hold_and_are_said(elastic_robot, elastic_library):
 def test_gains_damp_critically_and_respect_the_hold():
     mass, rotor = np.array([[[0.9, 0.2], [0.2, 0.1]]]), np.array([0.3, 0.001])
     inertia = 1.0 / np.diagonal(np.linalg.inv(mass[0] + np.diag(rotor)))
-    gains = find_gains(mass, rotor, 5.0, 1e-3)
+    gains = compute_gains(mass, rotor, 5.0, 1e-3)
     pole = 10.0 * np.pi
     assert gains.stiffness[0] == pytest.approx(pole**2 * inertia[0])
     assert gains.damping[0] == pytest.approx(2.0 * pole * inertia[0])
@@ -251,30 +251,30 @@ def test_gains_by_bandwidth_move_a_robot_that_has_none_of_its_own(elastic_robot,
 
 
 def test_springs_at_rest_carry_the_load_along_the_virgin_curve(elastic_robot, elastic_library):
-    robot = build_plant_robot(find_elastic_values(elastic_robot, elastic_library.card))
-    rest = find_rest(robot, np.array([12.0, -3.0]), ("a", "b"))
+    robot = build_plant_robot(get_elastic_values(elastic_robot, elastic_library.card))
+    rest = compute_rest(robot, np.array([12.0, -3.0]), ("a", "b"))
     assert np.sign(rest.phi).tolist() == [1.0, -1.0]
     for index, load in enumerate((12.0, -3.0)):
-        torque = find_hysteresis_torque(elastic_robot.axes[index].elasticity, rest.phi[index : index + 1])
+        torque = compute_hysteresis_torque(elastic_robot.axes[index].elasticity, rest.phi[index : index + 1])
         assert torque[0] == pytest.approx(load, rel=1e-12)
         ahead = np.abs(rest.phi[index]) - robot.radius[index]
         np.testing.assert_allclose(np.abs(rest.play[index]), np.maximum(ahead, 0.0))
-    idle = find_rest(robot, np.zeros(2), ("a", "b"))
+    idle = compute_rest(robot, np.zeros(2), ("a", "b"))
     np.testing.assert_array_equal(idle.phi, [0.0, 0.0])
     np.testing.assert_array_equal(idle.play, np.zeros((2, 3)))
 
 
 def test_a_spring_that_gives_way_is_an_error(elastic_robot, elastic_library):
-    values = find_elastic_values(elastic_robot, elastic_library.card)
+    values = get_elastic_values(elastic_robot, elastic_library.card)
     soft = tuple(replace(spring, cubic=-1e5, knees=()) for spring in values.elasticity)
     robot = build_plant_robot(replace(values, elasticity=soft))
     with pytest.raises(SolverError, match="springs of hip cannot carry the weight") as caught:
-        find_rest(robot, np.array([500.0, 0.0]), ("hip", "knee"))
+        compute_rest(robot, np.array([500.0, 0.0]), ("hip", "knee"))
     assert caught.value.notices[0].code == "simulate.weak-spring"
 
 
 def test_an_unstable_loop_is_an_error_with_a_remedy(elastic_robot, elastic_library):
-    wild = replace(CLEAN, gains=Gains(stiffness=(4000.0, 1500.0), damping=(1e5, 1e5)))
+    wild = replace(CLEAN, gains=MotorGains(stiffness=(4000.0, 1500.0), damping=(1e5, 1e5)))
     free = change_joints(elastic_robot, limits=Limits())
     with pytest.raises(SolverError, match="lower the bandwidth") as caught:
         simulate(free, elastic_library, build_ta(duration=2.0), wild)
@@ -282,7 +282,7 @@ def test_an_unstable_loop_is_an_error_with_a_remedy(elastic_robot, elastic_libra
 
 
 def test_a_robot_without_inertia_is_an_error(elastic_robot, elastic_library):
-    values = find_elastic_values(elastic_robot, elastic_library.card)
+    values = get_elastic_values(elastic_robot, elastic_library.card)
     light = replace(values, beta=np.zeros_like(values.beta))
     with pytest.raises(SolverError, match="without inertia") as caught:
         simulate(elastic_robot, elastic_library, values=light)
@@ -366,7 +366,7 @@ def test_dry_friction_that_jumps_is_refused(elastic_robot, elastic_library):
         (replace(CLEAN, parts=0), "usage.experiment", "one part at least"),
         (replace(CLEAN, duration=np.nan), "usage.experiment", "duration nan"),
         (
-            replace(CLEAN, gains=Gains(stiffness=(1.0,), damping=(1.0, 1.0))),
+            replace(CLEAN, gains=MotorGains(stiffness=(1.0,), damping=(1.0, 1.0))),
             "usage.experiment",
             "1 numbers for 2",
         ),

@@ -7,12 +7,16 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from symid.codegen.plant_code import has_addresses, load_plant_code
-from symid.codegen.plant_orders import PlantOrder
+from symid.codegen.plant_code import PlantExperiment, has_addresses, load_plant_code
 from symid.simulation import elastic_plant
-from symid.simulation.elastic_numpy import Springs, simulate_in_numpy
-from symid.simulation.elastic_plant import find_substeps, simulate_plant
-from symid.simulation.elastic_values import build_plant_robot, find_elastic_values
+from symid.simulation.elastic_plant import (
+    Springs,
+    build_plant_robot,
+    count_substeps,
+    get_elastic_values,
+    simulate_in_numpy,
+    simulate_plant,
+)
 
 # The arm of the robot file in closed form, hanging down at q = 0.
 L, G, ZZ1, ZZ2, MX1, MX2 = 0.3, 9.81, 0.35, 0.06, 0.9, 0.25
@@ -87,7 +91,7 @@ def follow(ticks, period):
 
 def order_run(ticks=250, period=1e-3, substeps=10, parts=16, **changes):
     angle, speed = follow(ticks, period)
-    order = PlantOrder(
+    order = PlantExperiment(
         angle=angle,
         speed=speed,
         torque=np.zeros_like(angle),
@@ -107,7 +111,7 @@ def order_run(ticks=250, period=1e-3, substeps=10, parts=16, **changes):
 
 @pytest.fixture(scope="module")
 def values(elastic_robot, elastic_library):
-    return find_elastic_values(elastic_robot, elastic_library.card)
+    return get_elastic_values(elastic_robot, elastic_library.card)
 
 
 @pytest.fixture(scope="module")
@@ -306,7 +310,7 @@ def test_fast_springs_and_friction_shorten_the_steps(elastic_library, values):
     poses = np.zeros((3, 2))
 
     def count(changed):
-        return find_substeps(elastic_library, changed, poses, period=1e-3, step=1e-4)
+        return count_substeps(elastic_library, changed, poses, period=1e-3, step=1e-4)
 
     assert count(values) == 10
     stiff = tuple(replace(spring, stiffness=1e8) for spring in values.elasticity)
@@ -314,4 +318,4 @@ def test_fast_springs_and_friction_shorten_the_steps(elastic_library, values):
     assert count(replace(values, elasticity=stiff)) > 50
     assert count(replace(values, elasticity=damped)) > 50
     assert count(replace(values, friction=100.0 * values.friction)) > 50
-    assert find_substeps(elastic_library, values, poses, period=2e-4, step=1e-4) == 2
+    assert count_substeps(elastic_library, values, poses, period=2e-4, step=1e-4) == 2

@@ -4,13 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from scipy.integrate import solve_ivp
 
 from symid.errors import SolverError, UsageError
-from symid.simulation.friction import find_friction_lines
-from symid.simulation.plant import Plant, PlantState, start_state
+from symid.simulation.rigid_plant import RigidPlant, RigidPlantState, build_friction_lines, build_rest_state
 
 PULL = (0.0,)
 ARM = (1.2, 0.3, 0.35, 3.0, 0.7)
@@ -18,7 +16,7 @@ ARM = (1.2, 0.3, 0.35, 3.0, 0.7)
 
 def moving(q, dq):
     q, dq = np.array(q, dtype=float), np.array(dq, dtype=float)
-    return PlantState(q=q, dq=dq, modes=tuple(int(np.sign(v)) for v in dq))
+    return RigidPlantState(q=q, dq=dq, modes=tuple(int(np.sign(v)) for v in dq))
 
 
 def run(plant, state, torques, period=1e-3):
@@ -29,7 +27,7 @@ def run(plant, state, torques, period=1e-3):
 
 def test_frictionless_arm_agrees_with_an_adaptive_integrator(make_library):
     library = make_library("arm", (1.2, 0.3, 0.35, 3.0, 0.7), ("none", "none"), ())
-    plant = Plant(library)
+    plant = RigidPlant(library)
     state = run(plant, moving([0.3, -0.5], [0.4, -1.0]), [np.zeros(2)] * 1000)
 
     def slope(_t, x):
@@ -43,7 +41,7 @@ def test_frictionless_arm_agrees_with_an_adaptive_integrator(make_library):
 
 def test_coulomb_friction_stops_a_wheel_where_the_formula_says(make_library):
     # J ddq = -Fc from speed v: stops after J v^2 / (2 Fc), and stays.
-    plant = Plant(make_library("pendulum", (0.5, 0.0), ("viscous_coulomb",), (0.0, 2.0)))
+    plant = RigidPlant(make_library("pendulum", (0.5, 0.0), ("viscous_coulomb",), (0.0, 2.0)))
     state = run(plant, moving([0.0], [3.0]), PULL * 2000)
     np.testing.assert_allclose(state.q, [0.5 * 9.0 / 4.0], rtol=1e-12)
     assert state.dq[0] == 0.0
@@ -54,36 +52,36 @@ def test_coulomb_friction_stops_a_wheel_where_the_formula_says(make_library):
 
 @pytest.mark.parametrize(("torque", "moves"), [(1.9, False), (2.1, True), (-1.9, False), (-2.1, True)])
 def test_a_held_joint_breaks_away_just_beyond_its_band(make_library, torque, moves):
-    plant = Plant(make_library("pendulum", (0.5, 0.0), ("viscous_coulomb",), (0.0, 2.0)))
-    state = run(plant, start_state(np.zeros(1)), [torque] * 100)
+    plant = RigidPlant(make_library("pendulum", (0.5, 0.0), ("viscous_coulomb",), (0.0, 2.0)))
+    state = run(plant, build_rest_state(np.zeros(1)), [torque] * 100)
     # From rest under a constant net torque: q = (|tau| - Fc) t^2 / (2 J).
     expected = np.sign(torque) * 0.1 * 0.1**2 / (2 * 0.5) if moves else 0.0
     np.testing.assert_allclose(state.q, [expected], rtol=1e-9)
 
 
 def test_an_offset_shifts_the_band(make_library):
-    plant = Plant(make_library("pendulum", (0.5, 0.0), ("viscous_coulomb_offset",), (0.0, 2.0, 1.0)))
-    assert run(plant, start_state(np.zeros(1)), [-0.9] * 10).q[0] == 0.0
-    assert run(plant, start_state(np.zeros(1)), [2.9] * 10).q[0] == 0.0
-    assert run(plant, start_state(np.zeros(1)), [-1.1] * 10).q[0] < 0.0
+    plant = RigidPlant(make_library("pendulum", (0.5, 0.0), ("viscous_coulomb_offset",), (0.0, 2.0, 1.0)))
+    assert run(plant, build_rest_state(np.zeros(1)), [-0.9] * 10).q[0] == 0.0
+    assert run(plant, build_rest_state(np.zeros(1)), [2.9] * 10).q[0] == 0.0
+    assert run(plant, build_rest_state(np.zeros(1)), [-1.1] * 10).q[0] < 0.0
 
 
 def test_asymmetric_friction_has_its_own_line_for_each_direction(make_library):
-    plant = Plant(make_library("pendulum", (0.5, 0.0), ("asymmetric",), (0.0, 2.0, 0.0, 4.0)))
+    plant = RigidPlant(make_library("pendulum", (0.5, 0.0), ("asymmetric",), (0.0, 2.0, 0.0, 4.0)))
     forward = run(plant, moving([0.0], [2.0]), PULL * 1500).q[0]
     backward = run(plant, moving([0.0], [-2.0]), PULL * 1500).q[0]
     np.testing.assert_allclose([forward, backward], [0.5, -0.25], rtol=1e-12)
 
 
 def test_viscous_friction_decays_exponentially(make_library):
-    plant = Plant(make_library("pendulum", (0.5, 0.0), ("viscous_coulomb",), (0.25, 0.0)))
+    plant = RigidPlant(make_library("pendulum", (0.5, 0.0), ("viscous_coulomb",), (0.25, 0.0)))
     state = run(plant, moving([0.0], [1.0]), PULL * 1000)
     np.testing.assert_allclose(state.dq, [np.exp(-0.5)], rtol=1e-12)
     np.testing.assert_allclose(state.dissipation, 0.25 * (1 - np.exp(-1.0)), rtol=1e-9)
 
 
 def energy_gap(library, torques, state, substeps=1):
-    plant = Plant(library)
+    plant = RigidPlant(library)
     start, most = sum(library.energy(state.q, state.dq, plant.beta)), 0.0
     for torque in torques:
         state = plant.advance(state, torque, 1e-3, substeps)
@@ -102,7 +100,7 @@ def test_energy_balance_closes_through_stops_and_reversals(seed):
     library = build_library("arm", (1.2, 0.3, 0.35, 3.0, 0.7), tuple(kinds), tuple(friction))
     times = np.arange(300)[:, None] * 1e-3
     torques = rng.uniform(2.0, 20.0, 2) * np.sin(rng.uniform(10.0, 60.0, 2) * times + rng.uniform(0, 6, 2))
-    gap, _ = energy_gap(library, torques, start_state(rng.uniform(-1, 1, 2)))
+    gap, _ = energy_gap(library, torques, build_rest_state(rng.uniform(-1, 1, 2)))
     assert gap < 1e-6
 
 
@@ -115,7 +113,7 @@ def _bring_builder(make_library):
 def test_many_reversals_close_the_balance_and_are_counted(arm):
     times = np.arange(2000)[:, None] * 1e-3
     torques = np.array([30.0, 8.0]) * np.sin(np.array([20.0, 33.0]) * times)
-    gap, state = energy_gap(arm, torques, start_state(np.array([-np.pi / 2, 0.0])))
+    gap, state = energy_gap(arm, torques, build_rest_state(np.array([-np.pi / 2, 0.0])))
     assert state.events > 10
     assert gap < 1e-8
 
@@ -124,16 +122,16 @@ def test_a_held_arm_does_not_move_and_does_no_work(make_library):
     library = make_library(
         "arm", (1.2, 0.3, 0.35, 3.0, 0.7), ("viscous_coulomb",) * 2, (0.0, 60.0, 0.0, 20.0)
     )
-    state = run(Plant(library), start_state(np.array([0.2, 0.4])), [np.zeros(2)] * 50)
+    state = run(RigidPlant(library), build_rest_state(np.array([0.2, 0.4])), [np.zeros(2)] * 50)
     assert state.work == state.dissipation == 0.0
     np.testing.assert_array_equal(state.q, [0.2, 0.4])
 
 
 def test_one_held_joint_leaves_the_other_a_pendulum(make_library):
     arm = make_library("arm", (1.2, 0.3, 0.35, 3.0, 0.7), ("viscous_coulomb",) * 2, (0.0, 500.0, 0.0, 0.0))
-    state = run(Plant(arm), start_state(np.array([0.0, 0.3])), [np.zeros(2)] * 400)
-    pendulum = Plant(make_library("pendulum", (0.3, 0.7), ("none",), ()))
-    alone = run(pendulum, start_state(np.array([0.3])), PULL * 400)
+    state = run(RigidPlant(arm), build_rest_state(np.array([0.0, 0.3])), [np.zeros(2)] * 400)
+    pendulum = RigidPlant(make_library("pendulum", (0.3, 0.7), ("none",), ()))
+    alone = run(pendulum, build_rest_state(np.array([0.3])), PULL * 400)
     assert state.q[0] == 0.0
     np.testing.assert_allclose([state.q[1], state.dq[1]], [alone.q[0], alone.dq[0]], rtol=1e-10)
 
@@ -141,7 +139,7 @@ def test_one_held_joint_leaves_the_other_a_pendulum(make_library):
 def test_smaller_steps_give_the_same_motion_through_a_reversal(arm):
     times = np.arange(500)[:, None] * 1e-3
     torques = np.array([25.0, 6.0]) * np.sin(np.array([15.0, 25.0]) * times)
-    start = start_state(np.array([-np.pi / 2, 0.1]))
+    start = build_rest_state(np.array([-np.pi / 2, 0.1]))
     _, coarse = energy_gap(arm, torques, start)
     _, fine = energy_gap(arm, torques, start, substeps=8)
     np.testing.assert_allclose(coarse.q, fine.q, atol=2e-5)
@@ -150,13 +148,13 @@ def test_smaller_steps_give_the_same_motion_through_a_reversal(arm):
 def test_values_that_are_not_stated_are_named(make_library):
     library = make_library("pendulum", (0.5, None), ("none",), ())
     with pytest.raises(UsageError, match="states no value for b1") as caught:
-        Plant(library)
+        RigidPlant(library)
     assert caught.value.notices[0].code == "usage.unknown-values"
 
 
 def test_friction_that_pushes_is_refused(make_library):
     with pytest.raises(UsageError, match="must oppose motion") as caught:
-        Plant(make_library("pendulum", (0.5, 0.0), ("viscous_coulomb",), (0.0, -1.0)))
+        RigidPlant(make_library("pendulum", (0.5, 0.0), ("viscous_coulomb",), (0.0, -1.0)))
     assert caught.value.notices[0].code == "usage.negative-friction"
 
 
@@ -174,7 +172,7 @@ def test_friction_that_depends_on_another_joint_is_refused(make_library, name):
     shared = replace(library.card.friction[1], name=f"{name}m")
     library.card = replace(library.card, friction=(*library.card.friction, shared))
     with pytest.raises(UsageError, match=rf"{name}m.*cannot make such joints stick") as caught:
-        Plant(library)
+        RigidPlant(library)
     assert caught.value.notices[0].code == "usage.shared-friction"
 
 
@@ -196,7 +194,7 @@ def couple_both(library, rate, values):
 
 def test_two_drives_whose_shares_cancel_brake_each_joint_alone(make_library):
     arm = make_library("arm", ARM, ("viscous_coulomb",) * 2, (0.1, 0.2, 0.3, 0.4))
-    lines = find_friction_lines(couple_both(arm, lambda v: v, (0.5, 0.5)))
+    lines = build_friction_lines(couple_both(arm, lambda v: v, (0.5, 0.5)))
     np.testing.assert_allclose(lines.viscous[1:], [[1.1, 1.3]] * 2, rtol=1e-14)
     np.testing.assert_allclose(lines.level[1:], [[0.2, 0.4], [-0.2, -0.4]], rtol=1e-14)
 
@@ -214,20 +212,20 @@ def test_two_drives_whose_shares_cancel_brake_each_joint_alone(make_library):
 def test_two_drives_whose_shares_do_not_cancel_are_refused(make_library, rate, values, found):
     arm = make_library("arm", ARM, ("viscous_coulomb",) * 2, (0.1, 0.2, 0.3, 0.4))
     with pytest.raises(UsageError, match=found) as caught:
-        find_friction_lines(couple_both(arm, rate, values))
+        build_friction_lines(couple_both(arm, rate, values))
     assert caught.value.notices[0].code == "usage.shared-friction"
 
 
 def test_all_joints_with_friction_that_pushes_are_said(make_library):
     library = make_library("arm", ARM, ("viscous_coulomb", "asymmetric"), (-1.0, 0.0, 0.0, 0.0, 0.0, -2.0))
     with pytest.raises(UsageError, match="must oppose motion") as caught:
-        find_friction_lines(library)
+        build_friction_lines(library)
     assert [notice.code for notice in caught.value.notices] == ["usage.negative-friction"] * 2
 
 
 def test_endless_stops_are_an_error_with_a_remedy(make_library, monkeypatch):
-    monkeypatch.setattr("symid.simulation.plant._MOST_EVENTS", 0)
-    plant = Plant(make_library("pendulum", (0.5, 0.0), ("viscous_coulomb",), (0.0, 2.0)))
+    monkeypatch.setattr("symid.simulation.rigid_plant._MOST_EVENTS", 0)
+    plant = RigidPlant(make_library("pendulum", (0.5, 0.0), ("viscous_coulomb",), (0.0, 2.0)))
     with pytest.raises(SolverError, match="came to rest more than 0 times") as caught:
         run(plant, moving([0.0], [1e-3]), PULL * 10)
     assert caught.value.notices[0].code == "simulate.chatter"

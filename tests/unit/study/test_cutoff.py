@@ -1,8 +1,8 @@
 """The table over cut-offs: too low spoils torque rows, momentum rows do not care, high ones agree."""
 
-from symid.identification.identify import identify_parameters
-from symid.robot.log_map import Processing
-from symid.study.cutoff import study_cutoff
+from symid.identification.rigid.fit import identify_parameters
+from symid.robot.description import Processing
+from symid.study.rigid_methods import study_cutoff
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
 
 

@@ -5,12 +5,10 @@ from dataclasses import replace
 
 import pytest
 
-from symid.formats.toml import read_robot
 from symid.report.study_text import _show_dataset
-from symid.study import elastic_study
-from symid.study.elastic_runs import DATASETS, Condition
-from symid.study.elastic_study import DatasetStudy, study_elastic
-from symid.study.elastic_task import MethodRun
+from symid.robot.toml_reader import read_robot
+from symid.study import elastic_methods as elastic_study
+from symid.study.elastic_methods import DATASETS, DatasetStudy, MethodRun, SensorCondition, study_elastic
 
 RUN = MethodRun(
     method="weighted",
@@ -31,7 +29,7 @@ def summarise(*, timed):
 def write(cells):
     nan = math.nan
     study = DatasetStudy(
-        dataset="TA", condition=Condition.CLEAN, seeds=3, bound=nan, spring_bound=nan, cells=cells
+        dataset="TA", condition=SensorCondition.CLEAN, seeds=3, bound=nan, spring_bound=nan, cells=cells
     )
     _, heading, _, row = str(_show_dataset(study)).splitlines()
     return heading.split(), row.split()

@@ -7,9 +7,9 @@ import time
 
 import pytest
 
+from symid.environment import THREAD_VARIABLES
 from symid.errors import SolverError, UsageError
-from symid.study.executor import find_jobs, run_tasks
-from symid.threads import THREAD_VARIABLES
+from symid.study.monte_carlo import count_jobs, run_tasks
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
@@ -41,9 +41,9 @@ def test_no_tasks_give_no_results():
 
 
 def test_the_number_of_processes_is_checked():
-    assert find_jobs(None) >= 1
+    assert count_jobs(None) >= 1
     with pytest.raises(UsageError) as caught:
-        find_jobs(0)
+        count_jobs(0)
     assert caught.value.notices[0].code == "usage.jobs"
 
 

@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from symid.friction.estimators import ESTIMATORS, STOCHASTIC
-from symid.study.friction_agreement import (
+from symid.identification.friction.estimators import ESTIMATORS, STOCHASTIC
+from symid.study.friction_paper import SWEEPS, TABLE_1, Sweep
+from symid.study.friction_protocols import (
     AGREEMENT,
     NEARNESS,
     AgreementDraw,
     build_sweep_scene,
-    find_agreement,
+    compare_estimators,
     fit_all_estimators,
-    run_contest,
+    summarise_agreement,
 )
-from symid.study.friction_paper import SWEEPS, TABLE_1, Sweep
 
 TRUTH = np.array(TABLE_1[-1].values)
 
@@ -34,7 +34,7 @@ PRINTED = ((0.094, 0.223, 0.0012, 0.254), (0.46, 0.12, 0.0010, 5.0), (0.057, 0.0
 def test_the_cramer_rao_bound_of_each_motion(sweep, printed):
     scene = build_sweep_scene(sweep)
     draw = AgreementDraw(seed=0, fits=tuple((name, scene.physical, 1.0) for name in ESTIMATORS))
-    study = find_agreement(sweep, [draw])
+    study = summarise_agreement(sweep, [draw])
     assert study.bound == pytest.approx(find_bound(scene), rel=1e-9)
     assert study.bound == pytest.approx(printed, rel=0.06)
     assert study.expected == pytest.approx(251.0 * (sweep.samples - 4) / sweep.samples)
@@ -47,7 +47,7 @@ def test_excess_and_distance_are_the_worst_over_all_draws():
         fits = [(name, tuple(TRUTH + distance * bound), 200.0 * (1.0 + excess)) for name in ESTIMATORS]
         fits[0] = (ESTIMATORS[0], tuple(TRUTH), 200.0)
         draws.append(AgreementDraw(seed=seed, fits=tuple(fits)))
-    first, *others = find_agreement(SWEEPS[0], draws).rows
+    first, *others = summarise_agreement(SWEEPS[0], draws).rows
     assert (first.excess, first.error, first.outside, first.agreed) == (0.0, 0.0, 0, 2)
     for row in others:
         assert row.excess == pytest.approx(1e-3)
@@ -68,10 +68,10 @@ def test_all_estimators_reach_one_optimum():
 
 
 def test_a_contest_names_who_could_not_take_part():
-    from symid.study.friction_data import build_scene, build_whole_cosines
+    from symid.study.friction_paper import build_friction_scene, build_whole_cosines
 
-    scene = build_scene("1", "stribeck", TRUTH, build_whole_cosines((0.5,), 100), 0.7)
-    runs = {run.estimator: run for run in run_contest("both directions", scene, 0, timed=True).runs}
+    scene = build_friction_scene("1", "stribeck", TRUTH, build_whole_cosines((0.5,), 100), 0.7)
+    runs = {run.estimator: run for run in compare_estimators("both directions", scene, 0, timed=True).runs}
     assert tuple(runs) == ESTIMATORS
     refused = runs.pop("root-finding")
     assert "one direction" in refused.reason

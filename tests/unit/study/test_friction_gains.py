@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from symid.study.friction_gains import LAWS, GainDraw, build_gain_scene, find_gains, fit_laws
 from symid.study.friction_paper import TABLE_4
+from symid.study.friction_protocols import LAWS, GainDraw, build_gain_scene, fit_laws, summarise_gains
 
 
 @pytest.mark.parametrize("index", range(3))
@@ -30,7 +30,7 @@ def test_gains_are_means_over_the_draws():
         GainDraw(fitted=(100.0, 80.0, 64.0), held_out=(110.0, 90.0, 81.0)),
         GainDraw(fitted=(200.0, 100.0, 100.0), held_out=(200.0, 100.0, 100.0)),
     ]
-    found = find_gains(0, draws)
+    found = summarise_gains(0, draws)
     assert found.viscous.mean == pytest.approx((36.0 + 50.0) / 2.0)
     assert found.viscous.deviation == pytest.approx(np.std([36.0, 50.0], ddof=1))
     assert found.viscous.rms == pytest.approx(100.0 * (0.2 + 1.0 - np.sqrt(0.5)) / 2.0)
@@ -50,5 +50,5 @@ def test_richer_laws_leave_less(index):
         # Three of the improved law's parameters stand in no other one.
         assert improved < stribeck < viscous
         assert draw.held_out[2] < draw.held_out[0]
-    found = find_gains(index, draws)
+    found = summarise_gains(index, draws)
     assert abs(found.viscous.miss) < 4.0 * found.viscous.deviation / 2.0 + 1.0

@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
-from symid.study.friction_data import build_scene, build_whole_cosines
-from symid.study.friction_paper import RV_2SQ, TABLE_3
-from symid.study.friction_recovery import (
+from symid.study.friction_paper import RV_2SQ, TABLE_3, build_friction_scene, build_whole_cosines
+from symid.study.friction_protocols import (
     build_recovery_scene,
     build_second_scene,
-    find_recovery,
     fit_draws,
+    summarise_recovery,
 )
 
 # Printed in the specification: bounds of fC fS vs fV fP dq0, and samples within dq0.
@@ -43,7 +42,7 @@ def find_bound(scene):
 def test_bounds_of_the_three_joints(index):
     scene = build_recovery_scene(index)
     truth = TABLE_3[index].values
-    found = find_recovery(scene, [(truth, 10), (tuple(1.01 * value for value in truth), 12)])
+    found = summarise_recovery(scene, [(truth, 10), (tuple(1.01 * value for value in truth), 12)])
     bounds, slow = PRINTED[index]
     assert [entry.bound for entry in found.parameters] == pytest.approx(find_bound(scene), rel=1e-5)
     # vs and dq0 are printed with one digit.
@@ -56,7 +55,7 @@ def test_bounds_of_the_three_joints(index):
 def test_mean_deviation_and_bias_are_those_of_the_draws():
     scene = build_recovery_scene(0)
     truth = np.array(scene.physical)
-    found = find_recovery(scene, [(tuple(truth * factor), 1) for factor in (0.9, 1.0, 1.2)])
+    found = summarise_recovery(scene, [(tuple(truth * factor), 1) for factor in (0.9, 1.0, 1.2)])
     for entry, value in zip(found.parameters, truth, strict=True):
         assert entry.mean == pytest.approx(value * 3.1 / 3.0)
         assert entry.deviation == pytest.approx(abs(value) * np.std([0.9, 1.0, 1.2], ddof=1))
@@ -68,7 +67,9 @@ def test_mean_deviation_and_bias_are_those_of_the_draws():
 
 @pytest.mark.parametrize("index", range(3))
 def test_draws_come_back_near_the_truth(index):
-    found = find_recovery(build_recovery_scene(index), fit_draws((build_recovery_scene(index), range(4))))
+    found = summarise_recovery(
+        build_recovery_scene(index), fit_draws((build_recovery_scene(index), range(4)))
+    )
     assert all(entry.error < 5.0 for entry in found.parameters)
     assert found.solves <= 150
 
@@ -78,15 +79,19 @@ def test_the_second_robot_comes_back(index):
     scene = build_second_scene(index)
     assert scene.noise == pytest.approx(0.02 * RV_2SQ[index].values[0])
     assert np.max(np.abs(scene.velocity[:1000])) == pytest.approx(3.0 * RV_2SQ[index].values[2], rel=1e-4)
-    found = find_recovery(scene, fit_draws((scene, range(3))))
+    found = summarise_recovery(scene, fit_draws((scene, range(3))))
     assert found.law == RV_2SQ[index].law
     assert all(entry.told and entry.error < 5.0 for entry in found.parameters)
 
 
 def test_what_the_bound_forbids_is_not_told():
     # A bump a hundredth of the noise: nobody can say how wide it is.
-    scene = build_scene("1", "stribeck", (10.0, 10.01, 0.03, 20.0), build_whole_cosines((0.1, 1.0), 500), 1.0)
-    found = find_recovery(scene, [(scene.physical, 1)] * 2 + [(tuple(1.1 * v for v in scene.physical), 1)])
+    scene = build_friction_scene(
+        "1", "stribeck", (10.0, 10.01, 0.03, 20.0), build_whole_cosines((0.1, 1.0), 500), 1.0
+    )
+    found = summarise_recovery(
+        scene, [(scene.physical, 1)] * 2 + [(tuple(1.1 * v for v in scene.physical), 1)]
+    )
     assert {entry.name: entry.told for entry in found.parameters} == {
         "fC": True,
         "fS": True,

@@ -6,12 +6,10 @@ from dataclasses import replace
 import pytest
 
 from symid.errors import UsageError
-from symid.report.friction_study_tables import list_tables
-from symid.study import friction_study
-from symid.study.friction_agreement import Contest, EstimatorRun
-from symid.study.friction_checks import find_checks, find_gain_sentence
-from symid.study.friction_gains import MeanGain
-from symid.study.friction_study import study_friction
+from symid.report.study_text import list_tables
+from symid.study import friction_tables as friction_study
+from symid.study.friction_protocols import EstimatorComparison, EstimatorRun, MeanGain
+from symid.study.friction_tables import describe_gain_miss, list_checks, study_friction
 
 GAIN = MeanGain(mean=15.0, deviation=1.0, rms=7.0, held_out=14.0, paper=16.3, miss=-1.3)
 
@@ -31,7 +29,7 @@ def contest():
         history=(1.0,),
         reason="",
     )
-    return Contest(title="a contest", law="stribeck", samples=100, names=("fC",), runs=(run,))
+    return EstimatorComparison(title="a contest", law="stribeck", samples=100, names=("fC",), runs=(run,))
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +81,7 @@ def check_of(checks, start):
 
 def find(study, **parts):
     values = {name: getattr(study, name) for name in ("agreement", "recovery", "gains", "second", "contests")}
-    return find_checks(**{**values, **parts})
+    return list_checks(**{**values, **parts})
 
 
 def test_few_draws_are_told_and_not_judged(study):
@@ -138,6 +136,6 @@ def test_parameters_beyond_the_bound_are_named_and_left_out(study):
 
 
 def test_misses_are_said_in_words():
-    assert find_gain_sentence(GAIN) == "1.3 points below the paper"
+    assert describe_gain_miss(GAIN) == "1.3 points below the paper"
     near = replace(GAIN, miss=0.5)
-    assert find_gain_sentence(near) == "0.5 points above the paper, within the deviation of a draw"
+    assert describe_gain_miss(near) == "0.5 points above the paper, within the deviation of a draw"

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from symid.estimators.regression import fit_wls
-from symid.formats.toml import read_robot
-from symid.rows.identifiability import find_identifiability
-from symid.study import precision
-from symid.study.precision import study_precision
+from symid.identification.estimators.least_squares import fit_wls
+from symid.identification.regression.identifiability import analyse_identifiability
+from symid.robot.toml_reader import read_robot
+from symid.study import rigid_methods as precision
+from symid.study.rigid_methods import study_precision
 
 
 @pytest.fixture(scope="module")
@@ -39,8 +39,8 @@ def test_a_seed_gives_the_fit_of_its_rows(robot):
     noise = rng.normal(size=len(rows.values)) * scene.deviations[rows.group]
     fields = {name: getattr(rows, name) for name in type(rows).__dataclass_fields__}
     noisy = type(rows)(**{**fields, "values": rows.matrix @ scene.truth + noise})
-    expected = fit_wls(noisy, find_identifiability(noisy))
-    condensed = precision._draw(scene, "torque", noise)
+    expected = fit_wls(noisy, analyse_identifiability(noisy))
+    condensed = precision._condense_with_noise(scene, "torque", noise)
     found = precision.fit_condensed(condensed, np.eye(len(scene.truth)))
     np.testing.assert_allclose(found.values, expected.values, rtol=1e-8)
     np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-6, atol=1e-18)

@@ -4,8 +4,8 @@ from unittest.mock import Mock
 
 import pytest
 
-from symid.elastic.selection import CANDIDATES
-from symid.study import tracking_study
+from symid.identification.elastic.methods import AUTOMATIC_METHODS
+from symid.study import elastic_held_out as tracking_study
 
 
 def test_the_automatic_choice_has_all_its_candidates(monkeypatch):
@@ -16,5 +16,5 @@ def test_the_automatic_choice_has_all_its_candidates(monkeypatch):
     with pytest.raises(KeyError, match="asked"):
         tracking_study._run_seed((Mock(), "auto", 1))
     methods = set(fit_all.call_args.args[3])
-    assert set(CANDIDATES) <= methods
+    assert set(AUTOMATIC_METHODS) <= methods
     assert {"independent", "independent, link encoder"} <= methods

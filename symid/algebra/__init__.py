@@ -1,1 +1,0 @@
-"""The scalar algebras that the recursion is written over."""

@@ -1,0 +1,240 @@
+"""What can be known of a robot's dynamics: its base parameters, exactly, with reasons, and their derivation.
+
+Robot -> `BaseSet`; robot -> `Derivation`, step by step, with what code of it costs.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, final
+
+from symid.api.result import Progress, Result
+from symid.errors import Notice, UsageError
+
+if TYPE_CHECKING:
+    from symid.codegen import RouteCount
+    from symid.dynamics import BaseParameter, BaseParameters
+    from symid.lessons import Step
+    from symid.report import Block
+    from symid.robot import Robot
+
+BaseForm = Literal["torque", "energy", "momentum", "gravity"]
+
+
+@final
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class BaseSet(Result):
+    """The base parameters of a robot; iterate over it for the names, in Khalil's order.
+
+    Attributes:
+        robot: the robot.
+        form: what was looked at: "torque", "energy", "momentum" or "gravity" (torques at rest).
+        product: names, groupings, reasons, and the exact null space.
+
+    Example:
+        >>> import symid
+        >>> base = symid.load("two_link").base
+        >>> list(base)
+        ['ZZR1', 'MXR1', 'MY1', 'ZZ2', 'MX2', 'MY2']
+        >>> base["MXR1"].expression
+        'MX1 + 0.5*M2'
+        >>> round(base.values["MXR1"], 3)
+        1.638
+    """
+
+    robot: "Robot"
+    form: BaseForm
+    product: "BaseParameters"
+
+    @property
+    def count(self) -> int:
+        """Return how many inertial base parameters there are; friction parameters are counted apart."""
+        return self.product.count
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the inertial base parameters, in the order of beta."""
+        return tuple(entry.name for entry in self.product.parameters)
+
+    @property
+    def friction(self) -> tuple[str, ...]:
+        """Return the names of the friction parameters, in the order of f."""
+        return tuple(entry.name for entry in self.product.friction)
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """Return the values of base and friction parameters that the robot file states, SI units, by name."""
+        from symid.dynamics import compute_parameter_values
+
+        return compute_parameter_values(self.robot, self.product)
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """Return what a reader should know of the robot."""
+        return self.robot.notices
+
+    def __len__(self) -> int:
+        """Return how many inertial base parameters there are."""
+        return self.count
+
+    def __iter__(self) -> Iterator[str]:
+        """Yield the names of the inertial base parameters."""
+        return iter(self.names)
+
+    def __getitem__(self, name: str) -> "BaseParameter":
+        """Return the base or friction parameter called `name`.
+
+        Raises:
+            UsageError: there is no such parameter; the message has the nearest name.
+        """
+        entries = {entry.name: entry for entry in (*self.product.parameters, *self.product.friction)}
+        if name not in entries:
+            from symid.robot import suggest_names
+
+            gone = {entry.name: entry.reason for entry in self.product.eliminated}
+            groups = {
+                plain: f"it heads the group {entry.name}" for plain, entry in self._list_heads().items()
+            }
+            hint = (
+                gone.get(name)
+                or groups.get(name)
+                or suggest_names(name, entries)
+                or f"there are {', '.join(entries)}"
+            )
+            text = f"{name!r} is no base parameter of {self.robot.name}: {hint}"
+            raise UsageError(Notice(code="usage.unknown-parameter", text=text))
+        return entries[name]
+
+    def _list_heads(self) -> "dict[str, BaseParameter]":
+        """Return the base parameters by the standard parameters that their groups are named after."""
+        from symid.dynamics import write_label
+
+        entries = (*self.product.parameters, *self.product.friction)
+        return {write_label(self.robot, entry.label): entry for entry in entries}
+
+    def explain(self, name: str) -> str:
+        """Return what a parameter groups and why, or why it has no effect and was eliminated.
+
+        Args:
+            name: of a base, friction or standard parameter, such as "MXR1" or "YY2".
+
+        Raises:
+            UsageError: the robot has no such parameter.
+        """
+        gone = {entry.name: entry.reason for entry in self.product.eliminated}
+        if name in gone:
+            return f"{name} was eliminated: {gone[name]}"
+        entry = self._list_heads().get(name) or self[name]
+        return f"{entry.name} = {entry.expression}: {entry.reason}"
+
+    def summarise(self) -> str:
+        """Return robot and count."""
+        return f"{self.robot.name}: {self.count} base parameters ({self.form})"
+
+    def blocks(self) -> "tuple[Block, ...]":
+        """Return a headline, and every parameter with its grouping and reason."""
+        from symid.report import show_base
+
+        return show_base(self.robot, self.product)
+
+    def _tabulate(self) -> "tuple[Block, ...]":
+        from symid.report import tabulate_base
+
+        return tabulate_base(self.robot, self.product)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return names, expressions, reasons, values and the null space in plain types."""
+        from symid.report import describe_base
+
+        return {**describe_base(self.robot, self.product), "of": self.form}
+
+    def _repr_latex_(self) -> str:
+        """Return names and groupings as formulas for a notebook."""
+        from symid.report import write_base_latex
+
+        return write_base_latex(self.robot, self.product)
+
+
+def derive_base_set(robot: "Robot", form: BaseForm = "torque") -> BaseSet:
+    """Return the base parameters of `robot`; see `BaseSet`.
+
+    Raises:
+        UsageError: there is no such form.
+    """
+    from symid.dynamics import BASE_FORMS, derive_base_parameters
+
+    if form not in BASE_FORMS:
+        text = f"there is no form {form!r}; allowed are {', '.join(BASE_FORMS)}"
+        raise UsageError(Notice(code="usage.base-form", text=text))
+    return BaseSet(robot=robot, form=form, product=derive_base_parameters(robot, form=form))
+
+
+@final
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Derivation(Result):
+    """The derivation of a robot's dynamics; iterate over `steps`.
+
+    Attributes:
+        robot: the robot.
+        steps: each a title, a sentence, formulas in text and LaTeX, and what was checked.
+        operations: of every function and every route that gives it; `chosen` is the one that is written.
+        latex: whether it is printed with formulas in LaTeX.
+
+    Example:
+        >>> import symid
+        >>> lesson = symid.load("emps").derivation()
+        >>> [step.title for step in lesson.steps]
+        ['Frames', 'Velocities', 'Energy', 'Base parameters', 'Torques']
+    """
+
+    robot: "Robot"
+    steps: "tuple[Step, ...]"
+    operations: "tuple[RouteCount, ...]"
+    latex: bool = False
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """Return what a reader should know of the robot."""
+        return self.robot.notices
+
+    def summarise(self) -> str:
+        """Return robot and steps."""
+        return f"{self.robot.name}: {', '.join(step.title for step in self.steps)}"
+
+    def blocks(self) -> "tuple[Block, ...]":
+        """Return the steps, and the operations of generated functions."""
+        from symid.report import show_derivation
+
+        return show_derivation(self.steps, self.operations, latex=self.latex)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return steps and operations of all routes in plain types."""
+        from symid.report import describe_derivation
+
+        return describe_derivation(self.robot.name, self.steps, self.operations)
+
+    def _repr_html_(self) -> str:
+        """Return the derivation for a notebook, with formulas."""
+        from symid.report import write_derivation_html
+
+        return write_derivation_html(self.steps, self.operations)
+
+    def _repr_latex_(self) -> str:
+        """Return the formulas of all steps."""
+        from symid.report import write_derivation_latex
+
+        return write_derivation_latex(self.steps)
+
+
+def derive_dynamics(robot: "Robot", progress: Progress, *, latex: bool = False) -> Derivation:
+    """Return the derivation of `robot`; see `Derivation`.
+
+    Raises:
+        RobotError: a symbolic length has no value.
+    """
+    progress(f"deriving the dynamics of {robot.name}")
+    from symid.codegen import count_route_operations
+    from symid.lessons import derive_lesson
+
+    steps = derive_lesson(robot)
+    progress("counting the operations of all routes to code")
+    return Derivation(robot=robot, steps=steps, operations=count_route_operations(robot), latex=latex)

@@ -1,0 +1,385 @@
+"""First steps: what this installation has and lacks, and the main job on an arm with elastic joints.
+
+Nothing -> `Doctor`, with what to do; folder -> `DemoResult`: from the robot file to the report; code, logs,
+estimate, robot file and report stand in the folder.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, final
+
+from symid.api.fit import ElasticFit
+from symid.api.log import Log, read_log
+from symid.api.result import Progress, Result, ignore
+from symid.api.robot import RobotModel, load
+from symid.api.robot_files import export_fit
+from symid.errors import Notice, OutputError
+
+if TYPE_CHECKING:
+    from symid.identification import InstallationFinding
+    from symid.identification.elastic import TrackingRun
+    from symid.report import Block
+    from symid.simulation import ElasticRun
+
+
+@final
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Doctor(Result):
+    """What was looked at.
+
+    Attributes:
+        findings: Python, packages, compiler, calls of compiled code, make, cache, shared files.
+
+    Example:
+        >>> import symid
+        >>> found = symid.doctor()
+        >>> found.findings[0].name
+        'python'
+    """
+
+    findings: "tuple[InstallationFinding, ...]"
+
+    @property
+    def missing(self) -> "tuple[InstallationFinding, ...]":
+        """Return what has a remedy."""
+        return tuple(entry for entry in self.findings if entry.remedy)
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """Return what is missing that symid works without, but slower."""
+        return tuple(entry.tell() for entry in self.missing if not entry.needed)
+
+    @property
+    def errors(self) -> tuple[Notice, ...]:
+        """Return what is missing that symid cannot work without."""
+        return tuple(entry.tell() for entry in self.missing if entry.needed)
+
+    def summarise(self) -> str:
+        """Return how much there is to do."""
+        return f"{len(self.findings)} looked at, {len(self.missing)} to do"
+
+    def blocks(self) -> "tuple[Block, ...]":
+        """Return a table."""
+        from symid.report import format_table
+
+        rows = [(entry.name, entry.found, entry.remedy or "ok") for entry in self.findings]
+        return (format_table(("what", "found", "to do"), rows, left=(0, 1, 2)),)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the findings in plain types."""
+        from symid import __version__
+
+        return {
+            "version": __version__,
+            "findings": [
+                {"name": entry.name, "found": entry.found, "ok": not entry.remedy, "remedy": entry.remedy}
+                for entry in self.findings
+            ],
+        }
+
+
+def doctor() -> Doctor:
+    """Look at Python, packages, compiler, cache and shared files, and say what to do.
+
+    Example:
+        >>> import symid
+        >>> symid.doctor().accepted
+        True
+    """
+    from symid.identification import check_installation
+
+    return Doctor(findings=check_installation())
+
+
+_ROBOT = "two_link_elastic"
+_TRAINING = ("TA10", "TB1", "TB2")
+_HELD_OUT = "TC"
+_MOST_PARAMETERS = 2.0
+_MOST_HYSTERESIS = 3.0
+"""Errors in percent that a demo must not end above."""
+_AUTOMATIC = "automatic"
+_METHODS = ("linear-spring", "two-step", "independent", _AUTOMATIC)
+_LOGS = {"TA": "ta.npz", "TA10": "ta10.npz", "TB1": "tb1.npz", "TB2": "tb2.npz", "TC": "tc.npz"}
+_OURS = frozenset({"code", *_LOGS.values(), "estimate.json", "identified.toml", "report.html"})
+
+DemoErrors = tuple[float, float]
+"""Of parameters and of the hysteresis, percent."""
+
+
+@final
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class DemoResult(Result):
+    """What the demo found, and how far it is from the truth.
+
+    Attributes:
+        robot: the arm, simulated with the values of its file.
+        fits: by method; `automatic` is the one chosen.
+        deviations: by method: percent off the truth of the worst parameter, and of the worse hysteresis on a
+            held-out motion.
+        tracking: closed loops along the held-out motion: rigid feed-forward first, then identified ones.
+        seed: of the noise.
+        folder: with code, logs, estimate.json, identified.toml and report.html.
+        files: of C.
+        built: how the C was tested, in words.
+
+    Example:
+        >>> import symid
+        >>> result = symid.demo("demo")  # doctest: +SKIP
+        >>> result.report  # doctest: +SKIP
+        PosixPath('demo/report.html')
+    """
+
+    robot: RobotModel
+    fits: Mapping[str, ElasticFit]
+    deviations: Mapping[str, DemoErrors]
+    tracking: "tuple[TrackingRun, ...]"
+    seed: int
+    folder: Path
+    files: tuple[Path, ...]
+    built: str
+
+    @property
+    def fit(self) -> ElasticFit:
+        """Return the result of the automatic choice among methods."""
+        return self.fits[_AUTOMATIC]
+
+    @property
+    def report(self) -> Path:
+        """Return the page."""
+        return self.folder / "report.html"
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """Return what a reader should know of compiled functions and fit."""
+        return (*self.robot.library.notices, *self.fit.estimate.notices)
+
+    @property
+    def errors(self) -> tuple[Notice, ...]:
+        """Return where it is further off the truth than a demo may be."""
+        return judge_demo(self.deviations[_AUTOMATIC], self.tracking)
+
+    def summarise(self) -> str:
+        """Return the errors against the truth."""
+        parameters, hysteresis = self.deviations[_AUTOMATIC]
+        return (
+            f"{self.robot.name}: parameters {parameters:.3g} %, hysteresis {hysteresis:.3g} % off the truth"
+        )
+
+    def blocks(self) -> "tuple[Block, ...]":
+        """Return parameters, springs, errors, tracking, and where the files are."""
+        from symid.environment import show_path
+        from symid.report import show_elastic_parameters, show_springs
+
+        best = self.fit.estimate
+        logs = ", ".join(_LOGS[name] for name in _TRAINING)
+        return (
+            f"{self.robot.name}: dynamics, friction and hysteresis identified from {logs}\n{best.reason}",
+            show_elastic_parameters(best),
+            show_springs(best),
+            *self._show_deviations(),
+            *self._show_tracking(),
+            f"{len(self.files)} files of C in {show_path(self.folder / 'code')}, {self.built}",
+            f"robot file with the identified values: {show_path(self.folder / 'identified.toml')}",
+            f"report: {self.report.resolve()}",
+        )
+
+    def _show_deviations(self) -> "tuple[Block, ...]":
+        from symid.report import format_table
+
+        chosen = f"{_AUTOMATIC}: {self.fit.estimate.method}"
+        rows = [[chosen if name == _AUTOMATIC else name, *pair] for name, pair in self.deviations.items()]
+        title = (
+            "errors against the truth in percent: the largest of all dynamic parameters; the hysteresis of "
+            f"the worse joint on {_LOGS[_HELD_OUT]}, a motion that was held out"
+        )
+        return (title, format_table(["method", "parameters", "hysteresis"], rows))
+
+    def _show_tracking(self) -> "tuple[Block, ...]":
+        from symid.report import format_table
+
+        header = ["feed-forward", *(f"{joint.name}/mrad" for joint in self.robot.joints)]
+        rows = [[run.name, *(1e3 * run.rms).tolist()] for run in self.tracking]
+        title = f"how links follow the motion of {_LOGS[_HELD_OUT]} in closed loop: root mean square errors"
+        return (title, format_table(header, rows))
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the estimate, errors, tracking and files in plain types."""
+        from symid.report import describe_elastic
+
+        return {
+            "estimate": describe_elastic(self.fit.estimate),
+            "errors": {
+                name: {"parameter_percent": pair[0], "hysteresis_percent": pair[1]}
+                for name, pair in self.deviations.items()
+            },
+            "tracking_rms": {run.name: run.rms.tolist() for run in self.tracking},
+            "seed": self.seed,
+            "backend": self.robot.library.backend,
+            "code": self.folder / "code",
+            "identified": self.folder / "identified.toml",
+            "report": self.report,
+        }
+
+
+def demo(
+    folder: str | PathLike[str] = "demo",
+    *,
+    seed: int = 0,
+    backend: str = "auto",
+    force: bool = False,
+    progress: Progress = ignore,
+) -> DemoResult:
+    """Simulate an arm with elastic joints, identify dynamics and hysteresis, validate, report.
+
+    Args:
+        folder: for code, logs, estimate and report; made if it is not there.
+        seed: of the noise.
+        backend: what computes the arm's functions: "auto", "c", "python" or "casadi".
+        force: whether to write over the files of an earlier demo; files of others are always refused.
+        progress: told what begins.
+
+    Raises:
+        OutputError: the folder holds something already, or cannot be made.
+
+    Example:
+        >>> import symid
+        >>> result = symid.demo("demo")  # doctest: +SKIP
+        >>> result.accepted  # doctest: +SKIP
+        True
+    """
+    place = Path(folder)
+    _prepare_folder(place, force=force)
+    robot = load(_ROBOT, backend=backend, progress=progress)
+    code = robot.write("c", place / "code", force=True)
+    runs, logs = _simulate_logs(robot, place, seed)
+    training = [logs[name] for name in _TRAINING]
+    fits = {
+        method: fit
+        for method in _METHODS
+        if isinstance(fit := robot.identify(training, method=method), ElasticFit)
+    }
+    deviations = {method: _compute_errors(robot, fit, runs[_HELD_OUT]) for method, fit in fits.items()}
+    estimate = fits[_AUTOMATIC].save(place / "estimate.json")
+    export_fit(robot.description, estimate, place / "identified.toml", progress=progress)
+    tracking = _simulate_tracking(robot, fits)
+    _write_report(robot, fits, logs, tracking, place / "report.html")
+    return DemoResult(
+        robot=robot,
+        fits=fits,
+        deviations=deviations,
+        tracking=tracking,
+        seed=seed,
+        folder=place,
+        files=code.files,
+        built="compiled, self-test passed" if code.selftest == "passed" else "not compiled: no C compiler",
+    )
+
+
+def _prepare_folder(folder: Path, *, force: bool) -> None:
+    """Make the folder; refuse one with files of others, and with `force` take one of an earlier demo."""
+    if folder.is_file():
+        text = "is a file, not a folder; give the name of a folder"
+        raise OutputError(Notice(code="output.not-a-folder", text=text, file=str(folder)))
+    found = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+    if found and (found - _OURS or not force):
+        text = "is not empty; give another folder with -o"
+        if not found - _OURS:
+            text += ", or --force to write over the last demo"
+        raise OutputError(Notice(code="output.foreign-folder", text=text, file=str(folder)))
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        text = f"cannot be made: {error.strerror}"
+        raise OutputError(Notice(code="output.cannot-write", text=text, file=str(folder))) from error
+
+
+def _simulate_logs(
+    robot: RobotModel, folder: Path, seed: int
+) -> "tuple[Mapping[str, ElasticRun], dict[str, Log]]":
+    """Return runs with their truth, and their logs, written and read again like those of a real robot."""
+    from symid.logs import write_recording
+    from symid.study import SensorCondition, observe_runs, simulate_runs
+
+    library = robot.library
+    robot.progress("simulating five experiments with noisy sensors")
+    runs = simulate_runs(robot.description, library, SensorCondition.NOISY)
+    logs = {}
+    for name, file in _LOGS.items():
+        (recording,) = observe_runs(runs, (name,), SensorCondition.NOISY, seed)
+        logs[name] = read_log(write_recording(recording, folder / file, robot.description), robot)
+    return runs, logs
+
+
+def _compute_errors(robot: RobotModel, fit: ElasticFit, held_out: "ElasticRun") -> DemoErrors:
+    """Return how far a fit is off the truth."""
+    from symid.study import compute_hysteresis_errors, compute_parameter_error, get_true_parameters
+
+    card = robot.library.card
+    found = fit.estimate.build_fit(len(card.beta))
+    hysteresis = compute_hysteresis_errors(found, held_out)
+    return compute_parameter_error(found, get_true_parameters(card)), float(hysteresis.max())
+
+
+def _simulate_tracking(robot: RobotModel, fits: Mapping[str, ElasticFit]) -> "tuple[TrackingRun, ...]":
+    """Return closed loops along the held-out motion with feed-forward of the fits."""
+    from symid.excitation import build_tc
+    from symid.identification.elastic import simulate_tracking
+    from symid.simulation import build_noisy_options
+
+    robot.progress("tracking the held-out motion with feed-forward of the identified models")
+    bases = len(robot.library.card.beta)
+    models = {
+        "Case 1: identified together": fits[_AUTOMATIC].estimate.build_fit(bases),
+        "Case 2: identified apart": fits["independent"].estimate.build_fit(bases),
+    }
+    return simulate_tracking(
+        robot.description, robot.library, models, build_tc(), build_noisy_options(), progress=robot.progress
+    )
+
+
+def _write_report(
+    robot: RobotModel,
+    fits: Mapping[str, ElasticFit],
+    logs: Mapping[str, Log],
+    tracking: "tuple[TrackingRun, ...]",
+    path: Path,
+) -> None:
+    from symid.identification.elastic import evaluate_elastic
+    from symid.report import ElasticExtras, TrackingRuns, describe_origin, write_elastic_report
+
+    robot.progress("writing the report")
+    library, best = robot.library, fits[_AUTOMATIC].estimate
+    initial = [spring.elasticity for spring in fits["linear-spring"].estimate.springs]
+    held_out = [logs[name].recording for name in (_HELD_OUT, "TA")]
+    extras = ElasticExtras(
+        trials=tuple(evaluate_elastic(best, library, log, initial=initial) for log in held_out),
+        iterated=fits["two-step"].estimate,
+        tracking=TrackingRuns(runs=tracking),
+        notices=(*robot.notices, *library.notices),
+        origin=describe_origin(robot.description, library, [log.recording for log in logs.values()]),
+    )
+    write_elastic_report(path, best, extras)
+
+
+def judge_demo(deviations: DemoErrors, tracking: "Sequence[TrackingRun]") -> tuple[Notice, ...]:
+    """Return what a demo must not end with.
+
+    Args:
+        deviations: percent off the truth, of parameters and of the hysteresis.
+        tracking: rigid feed-forward, then that of the identified model.
+    """
+    parameters, hysteresis = deviations
+    notices = []
+    if not parameters <= _MOST_PARAMETERS:
+        text = f"a parameter is {parameters:.3g} % off the truth; the limit is {_MOST_PARAMETERS:g} %"
+        notices.append(Notice(code="demo.off-truth", text=text))
+    if not hysteresis <= _MOST_HYSTERESIS:
+        text = f"the hysteresis is {hysteresis:.3g} % off the truth; the limit is {_MOST_HYSTERESIS:g} %"
+        notices.append(Notice(code="demo.off-spring", text=text))
+    rigid, identified = tracking[0], tracking[1]
+    if not all(mine < theirs for mine, theirs in zip(identified.rms, rigid.rms, strict=True)):
+        text = "the links follow no better with the identified model than with a rigid one"
+        notices.append(Notice(code="demo.no-gain", text=text))
+    return tuple(notices)

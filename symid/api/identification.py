@@ -1,0 +1,278 @@
+"""Logs and options to a result: the settings of the call, the recordings, the right kind of result.
+
+Robot, logs, what is asked for -> `RigidFit`, `ElasticFit`, `FrictionFit`, `Stiffness`; for a payload, fits or
+logs with it and without it -> `PayloadResult`: mass, centre of mass and inertia.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from os import PathLike, fspath
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, TypeAlias, final
+
+from symid.api.fit import ElasticFit, FrictionFit, RigidFit
+from symid.api.log import Log, Logged, LogLike, Logs, adopt_log_map, list_logs
+from symid.api.result import Result
+from symid.errors import Notice
+
+if TYPE_CHECKING:
+    from symid.api.robot import RobotModel
+    from symid.arrays import FloatArray
+    from symid.dynamics import Payload, PayloadQuantity
+    from symid.identification import FrictionRequest, GivenResult, GivenSide, IdentifyTask, PayloadFinding
+    from symid.identification.elastic import JointStiffness, StiffnessEstimate
+    from symid.logs import Recording
+    from symid.report import Block
+    from symid.robot import Robot
+
+Pairs = tuple[tuple[str, str], ...]
+
+
+@final
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Stiffness(Result):
+    """The stiffness of every joint that the logs tell, with 95 % intervals, and what the encoders say.
+
+    Attributes:
+        estimate: all that was found.
+        said: what a reader should know.
+
+    Example:
+        >>> import symid
+        >>> robot = symid.load("two_link_elastic")
+        >>> found = robot.identify_stiffness(robot.simulate(duration=6.0, seed=1).log)
+        >>> sorted(found.joints)
+        ['elbow', 'shoulder']
+    """
+
+    estimate: "StiffnessEstimate"
+    said: tuple[Notice, ...]
+
+    @property
+    def joints(self) -> "dict[str, JointStiffness]":
+        """Return what was found of every joint, by its name."""
+        return {entry.joint: entry for entry in self.estimate.joints}
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """Return what a reader should know of the robot, its logs and the result."""
+        return self.said
+
+    def save(self, path: str | PathLike[str]) -> Path:
+        """Write the result to `path` as JSON and return the path.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        from symid.identification.rigid import write_file
+        from symid.serialization import write_json
+
+        file = Path(fspath(path))
+        return write_file(file, write_json({**self.to_dict(), "file": file}))
+
+    def summarise(self) -> str:
+        """Return which joints have a stiffness."""
+        told = [name for name, entry in self.joints.items() if entry.stiffness is not None]
+        return f"{self.estimate.robot}: stiffness of {', '.join(told) or 'no joint'}"
+
+    def blocks(self) -> "tuple[Block, ...]":
+        """Return delay, offsets and stiffness."""
+        from symid.report import show_stiffness
+
+        return show_stiffness(self.estimate)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return delay, offsets and stiffness in plain types."""
+        from symid.report import describe_stiffness
+
+        return describe_stiffness(self.estimate)
+
+
+def _gather_recordings(
+    robot: "RobotModel", logs: Logs, pairs: Pairs, friction: str | None
+) -> "tuple[Robot, tuple[Recording, ...]]":
+    """Return the robot with the settings of the call, and the recordings as it reads them."""
+    from symid.logs import read_fit_recordings
+    from symid.robot import override_settings
+
+    given = list_logs(logs, pairs)
+    described = override_settings(adopt_log_map(robot.description, logs), pairs, friction)
+    return described, read_fit_recordings(given, described)
+
+
+def identify_logs(
+    robot: "RobotModel", logs: Logs, task: "IdentifyTask", friction: str | None
+) -> RigidFit | ElasticFit:
+    """Return the fit of a robot to logs; see `RobotModel.identify`."""
+    from symid.identification import identify_robot
+    from symid.identification.elastic import ElasticEstimate
+
+    described, recordings = _gather_recordings(robot, logs, task.pairs, friction)
+    found = identify_robot(described, recordings, task, robot.workshop)
+    extra = {"backend": found.backend}
+    if isinstance(found.estimate, ElasticEstimate):
+        return ElasticFit(
+            estimate=found.estimate,
+            alignment=found.alignment,
+            model=robot,
+            said=found.notices,
+            extra=extra,
+        )
+    return RigidFit(estimate=found.estimate, model=robot, said=found.notices, extra=extra)
+
+
+def identify_friction_of_logs(
+    robot: "RobotModel", logs: Logs, request: "FrictionRequest", pairs: Pairs
+) -> FrictionFit:
+    """Return laws of friction; see `RobotModel.identify_friction`."""
+    from symid.identification import identify_robot_friction
+
+    described, recordings = _gather_recordings(robot, logs, pairs, request.friction)
+    found = identify_robot_friction(described, recordings, request, robot.workshop)
+    extra = {"backend": found.backend}
+    return FrictionFit(estimate=found.result, model=robot, said=found.notices, extra=extra)
+
+
+def identify_stiffness_of_logs(
+    robot: "RobotModel", logs: Logs, pairs: Pairs, friction: str | None
+) -> Stiffness:
+    """Return the stiffness of joints; see `RobotModel.identify_stiffness`."""
+    from symid.identification import identify_stiffness
+
+    described, recordings = _gather_recordings(robot, logs, pairs, friction)
+    found, notices = identify_stiffness(described, recordings, pairs, robot.workshop)
+    return Stiffness(estimate=found, said=notices)
+
+
+PayloadRows = Literal["torque", "momentum"]
+PayloadEstimator = Literal["ols", "wls"]
+PayloadSide: TypeAlias = "GivenResult | LogLike | Sequence[LogLike]"
+"""One side: a fit or its file, or logs."""
+
+
+@final
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class PayloadResult(Result):
+    """What a robot carries, in the frame that the robot file gives to the link; a body that can exist.
+
+    Attributes:
+        product: the payload, how surely each quantity is known, what cannot be told.
+
+    Example:
+        >>> import symid
+        >>> from pathlib import Path
+        >>> robot = symid.load("two_link")
+        >>> heavy = robot.path.read_text().replace("mass = 1.9", "mass = 2.9")
+        >>> Path("carrying.toml").write_text(heavy) == len(heavy)
+        True
+        >>> loaded = symid.load("carrying.toml").simulate(duration=4.0, seed=2).log
+        >>> found = robot.payload(loaded, robot.simulate(duration=4.0, seed=1).log)
+        >>> found.joint, round(found["mass"].value, 1)
+        ('elbow', 1.0)
+    """
+
+    product: "PayloadFinding"
+
+    @property
+    def payload(self) -> "Payload":
+        """Return all that was found."""
+        return self.product.payload
+
+    @property
+    def joint(self) -> str:
+        """Return the joint whose link carries it."""
+        return self.payload.joint
+
+    def __getitem__(self, name: str) -> "PayloadQuantity":
+        """Return mass, cx, cy, cz, Jxx, Jxy, Jxz, Jyy, Jyz or Jzz, with deviation or reason."""
+        return {entry.name: entry for entry in self.payload.quantities}[name]
+
+    @property
+    def mass(self) -> float:
+        """Return the mass in kg."""
+        return self._list_values("mass")[0]
+
+    @property
+    def com(self) -> "FloatArray":
+        """Return the centre of mass in m: (3,), NaN where it is not identifiable."""
+        import numpy as np
+
+        return np.array(self._list_values("cx", "cy", "cz"))
+
+    @property
+    def inertia(self) -> "FloatArray":
+        """Return the inertia about the centre of mass in kg m^2: (3, 3), NaN where it is not identifiable."""
+        import numpy as np
+
+        xx, xy, xz, yy, yz, zz = self._list_values("Jxx", "Jxy", "Jxz", "Jyy", "Jyz", "Jzz")
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+    def _list_values(self, *names: str) -> list[float]:
+        return [
+            float("nan") if self[name].value is None else float(self[name].value or 0.0) for name in names
+        ]
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """Return what speaks against it: what is not identifiable, what else changed between both sides."""
+        from symid.report import warn_payload
+
+        return tuple(dict.fromkeys((*self.product.notices, *warn_payload(self.payload))))
+
+    def summarise(self) -> str:
+        """Return the mass and the link."""
+        return f"{self.product.robot.name}: {self.mass:.4g} kg on the link of joint {self.joint!r}"
+
+    def blocks(self) -> "tuple[Block, ...]":
+        """Return the table of what was identified, and what was refused, with the reasons."""
+        from symid.report import show_payload
+
+        return show_payload(self.product.robot, self.payload)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return quantities, deviations and what changed besides in plain types."""
+        from symid.report import describe_payload
+
+        return describe_payload(self.product.robot, self.payload)
+
+    def save(self, path: str | PathLike[str]) -> Path:
+        """Write the result to `path` as JSON, and return the path.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        from symid.identification.rigid import write_file
+        from symid.serialization import write_json
+
+        return write_file(Path(path), write_json(self.to_dict()) + "\n")
+
+
+def identify_payload(
+    model: "RobotModel",
+    loaded: PayloadSide,
+    empty: PayloadSide,
+    *,
+    joint: str | None,
+    mass: float | None,
+    rows: PayloadRows,
+    estimator: PayloadEstimator,
+) -> PayloadResult:
+    """Return what the robot carries; see `RobotModel.payload`."""
+    from symid.identification import PayloadTask, identify_payload
+
+    task = PayloadTask(
+        joint=joint,
+        mass=mass,
+        rows=rows,
+        estimator=estimator,
+        prepare=lambda: model.library,
+        progress=model.progress,
+    )
+    found = identify_payload(model.description, _list_payload_side(loaded), _list_payload_side(empty), task)
+    return PayloadResult(product=found)
+
+
+def _list_payload_side(side: PayloadSide) -> "GivenSide":
+    entries = side if isinstance(side, Sequence) and not isinstance(side, str) else (side,)
+    found = (entry.log if isinstance(entry, Logged) else entry for entry in entries)
+    return tuple(entry.recording if isinstance(entry, Log) else entry for entry in found)

@@ -1,0 +1,294 @@
+"""The verbs to begin with: `symid doctor`, `symid demo`, `symid new`, `symid check`.
+
+doctor: what this installation has, what it lacks, and what to do about it.
+demo: the main job on a two-link arm with elastic joints, from the robot file to the report.
+new ROBOT.toml: a robot file to complete, from a URDF, a table of rows, or a robot at hand.
+check ROBOT [LOG...]: is the robot file right, and which parameters the logs identify.
+"""
+
+import shlex
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import click
+
+import symid
+from symid.cli.call import Answer, Console, make_answer
+from symid.cli.options import (
+    INPUT,
+    METHOD,
+    MODEL,
+    OUTPUT,
+    NamedRobot,
+    Verb,
+    backend_option,
+    check_output,
+    force_folder_option,
+    force_option,
+    friction_option,
+    option,
+    output_option,
+    robot_argument,
+    set_option,
+    split_settings,
+    verb,
+)
+from symid.environment import show_path
+from symid.errors import Notice, UsageError
+
+
+@click.command("doctor", cls=Verb)
+@verb
+def doctor_command(console: Console) -> Answer:
+    """Look at Python, packages, compiler, cache and shared files, and say what to do.
+
+    Exit code 1 when something is missing that symid cannot work without.
+    """
+    console.detail(f"python: {sys.executable}")
+    return make_answer(symid.doctor())
+
+
+@click.command("demo", cls=Verb)
+@backend_option
+@option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    metavar="N",
+    group=METHOD,
+    help="Random seed.",
+)
+@output_option("Folder for code, logs, estimate and report.  [default: demo]", folder=True)
+@force_folder_option
+@verb
+def demo_command(console: Console, *, backend: str, seed: int, output: Path | None, force: bool) -> Answer:
+    """Simulate an arm with elastic joints, identify dynamics and hysteresis, validate, report.
+
+    Exit code 1 when a parameter is more than 2 % or the hysteresis more than 3 % off the truth, or
+    when the links follow no better with the identified model than with a rigid one.
+    """
+    folder = output or Path("demo")
+    return make_answer(symid.demo(folder, seed=seed, backend=backend, force=force, progress=console.progress))
+
+
+_FILE = click.Path(path_type=Path)
+
+
+@click.command("new", cls=Verb)
+@click.argument("file", metavar="ROBOT.toml", type=_FILE)
+@option("--from-urdf", "urdf", metavar="FILE", type=_FILE, group=INPUT, help="Convert a URDF.")
+@option(
+    "--base",
+    metavar="LINK",
+    group=INPUT,
+    help="URDF only: the link at which the robot starts.  [default: its root]",
+)
+@option(
+    "--tip", metavar="LINK", group=INPUT, help="URDF only: the link at which it ends; branches are cut off."
+)
+@option(
+    "--from-dh",
+    "table",
+    metavar="FILE",
+    type=_FILE,
+    group=INPUT,
+    help="Read a CSV table of Denavit-Hartenberg rows.",
+)
+@option(
+    "--convention",
+    type=click.Choice(("modified", "standard")),
+    group=INPUT,
+    help="DH convention of the table.",
+)
+@option(
+    "--gravity",
+    metavar="X,Y,Z",
+    group=INPUT,
+    help="Gravity in the base frame of the table, m/s^2.  [default: 0,0,-9.81]",
+)
+@option(
+    "--from",
+    "name",
+    metavar="ROBOT",
+    group=INPUT,
+    help="Copy the file of a robot at hand, or convert its URDF.",
+)
+@option(
+    "--log",
+    type=_FILE,
+    metavar="LOG",
+    group=INPUT,
+    help="Log of the robot: its columns and their units become the [log] table.",
+)
+@option(
+    "--columns",
+    multiple=True,
+    metavar="QUANTITY=NAME,...",
+    group=INPUT,
+    help="Columns of a quantity (time, position, torque, velocity), one for each joint.  [default: by their "
+    "names]",
+)
+@option(
+    "--units",
+    multiple=True,
+    metavar="QUANTITY=UNIT,...",
+    group=INPUT,
+    help="Unit of the columns, one for each or one for all, where the log states none or another one.",
+)
+@friction_option
+@option(
+    "--rotors", is_flag=True, group=MODEL, help="Give every drive a rotor whose inertia is to be identified."
+)
+@option(
+    "--gear",
+    metavar="N,...",
+    group=MODEL,
+    help="Motor turns per joint turn, one for each joint or one for all.",
+)
+@option(
+    "--torque-constant",
+    metavar="K,...",
+    group=MODEL,
+    help="Torque constant at the motor, N m/A, one for each joint or one for all.",
+)
+@force_option
+@verb
+def new_command(
+    console: Console,
+    *,
+    file: Path,
+    urdf: Path | None,
+    base: str | None,
+    tip: str | None,
+    table: Path | None,
+    convention: Literal["modified", "standard"] | None,
+    gravity: str | None,
+    name: str | None,
+    log: Path | None,
+    columns: tuple[str, ...],
+    units: tuple[str, ...],
+    friction: str | None,
+    rotors: bool,
+    gear: str | None,
+    torque_constant: str | None,
+    force: bool,
+) -> Answer:
+    """Write a commented robot file, to be completed by hand.
+
+    It comes from a URDF, from a table of Denavit-Hartenberg rows, or from a robot that is at hand. With
+    --log it says which column of a log is what; assumptions are printed, and stand in the file.
+    """
+    _check_suffix(file)
+    check_output(file, force=force, inputs=[entry for entry in (urdf, table, log) if entry is not None])
+    draft = symid.new_robot(
+        urdf=urdf,
+        base=base,
+        tip=tip,
+        table=table,
+        convention=convention,
+        gravity=gravity,
+        robot=name,
+        log=log,
+        columns=_split_quantities("--columns", columns),
+        units=_split_quantities("--units", units),
+        friction=friction,
+        rotors=rotors,
+        gear=gear,
+        torque_constant=torque_constant,
+        progress=console.progress,
+    )
+    check_output(file, force=force, inputs=(draft.source,))
+    draft.save(file)
+    told = [
+        replace(entry, file=str(file)) if entry.code == "new.gravity" else entry for entry in draft.notices
+    ]
+    head = f"robot file: {show_path(file)} ({draft.summarise()})"
+    shown = [str(block) for block in draft.blocks()[1:]]
+    return Answer(
+        text="\n".join((head, *shown, f"next: {_suggest_next(file, log)}")),
+        result={"file": file, **draft.to_dict()},
+        warnings=tuple(told),
+    )
+
+
+def _suggest_next(file: Path, log: Path | None) -> str:
+    if log is None:
+        return f"complete it, then symid check {shlex.quote(str(show_path(file)))}"
+    return f"symid check {shlex.join((str(show_path(file)), str(log)))}"
+
+
+def _check_suffix(file: Path) -> None:
+    """Refuse a name under which no verb would read the file as what it is.
+
+    Raises:
+        UsageError: the name does not end in .toml.
+    """
+    if file.suffix.lower() != ".toml":
+        text = f"{file}: a robot file is TOML; give a name that ends in .toml, such as {file.stem}.toml"
+        raise UsageError(Notice(code="usage.suffix", text=text))
+
+
+def _split_quantities(name: str, texts: Sequence[str]) -> dict[str, str]:
+    """Return what an option says of each quantity, from texts such as position=q1,q2.
+
+    Raises:
+        UsageError: a text is not of that form, or a quantity is there twice.
+    """
+    found: dict[str, str] = {}
+    mistakes = []
+    for text in texts:
+        quantity, sign, value = (part.strip() for part in text.partition("="))
+        if not sign:
+            example = "deg" if name == "--units" else "NAME,NAME"
+            mistakes.append(f"{name} {text}: expected QUANTITY=..., such as {name} position={example}")
+        elif quantity in found:
+            mistakes.append(f"{name} {text}: {quantity} is given twice; give it once")
+        found[quantity] = value
+    if mistakes:
+        raise UsageError(*(Notice(code="usage.quantity", text=text) for text in mistakes))
+    return found
+
+
+_TOO_LITTLE = 4
+
+
+@click.command("check", cls=Verb)
+@robot_argument(computes=True)
+@click.argument("logs", nargs=-1, metavar="[LOG]...", type=click.Path(path_type=Path))
+@friction_option
+@set_option
+@option(
+    "--resample",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    group=OUTPUT,
+    help="Write an evenly sampled copy of the log (.npz or .csv), with its columns, and say what was done.",
+)
+@force_option
+@verb
+def check_command(
+    console: Console,
+    *,
+    robot: NamedRobot,
+    logs: tuple[Path, ...],
+    friction: str | None,
+    settings: tuple[str, ...],
+    resample: Path | None,
+    force: bool,
+) -> Answer:
+    """Check a robot file, and which parameters logs identify.
+
+    All that is wrong is said at once, each with its file, line and column: exit code 3. What is odd in a
+    log is a warning that says what to do: time stamps, units, signs, exchanged joints, delays, motion that
+    excites too little. Exit code 4 where the logs tell less than three quarters of the parameters.
+    """
+    if resample is not None and len(logs) != 1:
+        text = f"--resample {resample}: takes one log at a time, got {len(logs)}"
+        raise UsageError(Notice(code="usage.one-log", text=text))
+    model = robot.load(console, settings=split_settings(settings), friction=friction)
+    check_output(resample, force=force, inputs=(model.path, *logs))
+    return make_answer(model.check(*logs, resample=resample), exit_code=_TOO_LITTLE)

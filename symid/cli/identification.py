@@ -1,0 +1,389 @@
+"""The verbs that identify: `symid identify`, `symid payload`.
+
+identify ROBOT LOG...: parameters with their uncertainty, from logs.
+payload ROBOT LOADED... --empty EMPTY: what the robot carries, from logs or estimates of both.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from symid.api import METHODS, PayloadEstimator, PayloadRows
+from symid.cli.call import Answer, Console, make_answer
+from symid.cli.options import (
+    INPUT,
+    METHOD,
+    MODEL,
+    PROCESSING,
+    FiniteRange,
+    NamedRobot,
+    Verb,
+    add_options,
+    check_output,
+    force_option,
+    friction_option,
+    option,
+    output_option,
+    processing_options,
+    robot_argument,
+    set_option,
+    split_settings,
+    verb,
+)
+from symid.environment import show_path
+from symid.errors import Notice, UsageError
+
+if TYPE_CHECKING:
+    from symid import RobotModel
+
+RIGID = ("overlap", "prior", "prior_deviation", "prior_weight", "start", "partial")
+ELASTIC = ("tolerance", "thresholds", "knees", "window", "rate")
+FRICTION = ("model", "known", "smoothing", "seed")
+"""Names of the options of each kind."""
+_POSITIVE = FiniteRange(min=0.0, min_open=True)
+_COUNT = click.IntRange(min=0)
+
+rows_options = add_options(
+    option(
+        "--rows",
+        type=click.Choice(("torque", "momentum", "filtered", "power", "energy", "friction")),
+        group=METHOD,
+        help="Equations that measurements become; friction: a friction law for every joint that moves.  "
+        "[default: torque]",
+    ),
+    option(
+        "--estimator",
+        metavar="NAME",
+        group=METHOD,
+        help="How equations become parameters: ols, wls, gls, huber, ridge, consistent, sequential, "
+        "output-error or instrumental; with --rows friction varpro, root-finding, nlp, genetic, annealing "
+        "or differential-evolution.  [default: ols, varpro]",
+    ),
+)
+rigid_options = add_options(
+    option(
+        "--partial",
+        is_flag=True,
+        group=METHOD,
+        help="Fit what can be identified, even where that is less than three quarters of the parameters.",
+    ),
+    option(
+        "--overlap",
+        type=FiniteRange(min=0.0, max=0.95),
+        metavar="PART",
+        group=METHOD,
+        help="Momentum and energy rows: part of a window that the next one shares.  [default: 0]",
+    ),
+    option(
+        "--prior",
+        metavar="ESTIMATE",
+        group=METHOD,
+        help="Ridge: an earlier estimate to stay near to, or robot for the robot file's values.  "
+        "[default: robot]",
+    ),
+    option(
+        "--prior-deviation",
+        type=_POSITIVE,
+        metavar="X",
+        group=METHOD,
+        help="Ridge: how well the prior is known, in percent of the robot file's values, or as a factor on "
+        "an estimate's deviations.  [default: 20 %; 1]",
+    ),
+    option(
+        "--prior-weight",
+        type=FiniteRange(min=0.0),
+        metavar="W",
+        group=METHOD,
+        help="Ridge: 1 to believe the deviations stated, 0 for no prior.  [default: by cross validation]",
+    ),
+    option(
+        "--start",
+        metavar="ESTIMATE",
+        group=METHOD,
+        help="Output error and instrumental: an estimate of the same model to begin with.  "
+        "[default: a fit of the same logs]",
+    ),
+    option(
+        "--period",
+        type=_POSITIVE,
+        multiple=True,
+        metavar="S",
+        group=PROCESSING,
+        help="Period of a repeated motion (s), once or once for each log: average over all periods (--rows "
+        "friction), or take what differs between them as noise (--estimator gls).",
+    ),
+)
+elastic_options = add_options(
+    option(
+        "--method",
+        type=click.Choice((*METHODS, "stiffness")),
+        group=METHOD,
+        help="Elastic joints: the method; stiffness alone is for any robot.  [default: automatic]",
+    ),
+    option(
+        "--window",
+        type=_POSITIVE,
+        metavar="S",
+        group=METHOD,
+        help="Length of a momentum, filtered or energy row (s).",
+    ),
+    option(
+        "--tolerance",
+        type=_POSITIVE,
+        group=METHOD,
+        help="Elastic joints: relative change at which an iteration stops.",
+    ),
+    option(
+        "--lambda",
+        "rate",
+        type=_POSITIVE,
+        metavar="RAD/S",
+        group=METHOD,
+        help="Elastic joints: corner frequency of the first-order filter.",
+    ),
+    option(
+        "--thresholds",
+        type=_COUNT,
+        metavar="N",
+        group=MODEL,
+        help="Elastic joints: number of stops of each joint's hysteresis.",
+    ),
+    option(
+        "--knees",
+        type=_COUNT,
+        metavar="N",
+        group=MODEL,
+        help="Elastic joints: number of knees on each side of a spring.",
+    ),
+)
+friction_law_options = add_options(
+    option(
+        "--model",
+        metavar="NAME",
+        group=MODEL,
+        help="With --rows friction: a law, such as stribeck+offset, or auto, which chooses one by torques "
+        "held back.  [default: auto]",
+    ),
+    option(
+        "--known",
+        type=click.Path(path_type=Path),
+        metavar="ESTIMATE",
+        group=MODEL,
+        help="With --rows friction: base parameters to subtract, an estimate of other rows.  [default: the "
+        "rigid part is fitted along]",
+    ),
+    option(
+        "--smoothing",
+        type=FiniteRange(min=0.0),
+        metavar="V",
+        group=MODEL,
+        help="With --rows friction: speed over which dry friction changes its sign.  [default: 0]",
+    ),
+    option(
+        "--seed",
+        type=_COUNT,
+        metavar="N",
+        group=METHOD,
+        help="With --rows friction: random seed of a stochastic estimator.",
+    ),
+)
+
+
+_STIFFNESS = "stiffness"
+_LAWS = "friction"
+
+
+@click.command("identify", cls=Verb)
+@robot_argument(computes=True)
+@click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=click.Path(path_type=Path))
+@processing_options
+@set_option
+@friction_option
+@rows_options
+@rigid_options
+@elastic_options
+@friction_law_options
+@output_option("Write the result as JSON, for `validate`, `report` and `export`.")
+@force_option
+@verb
+def identify_command(
+    console: Console,
+    *,
+    robot: NamedRobot,
+    logs: tuple[Path, ...],
+    rows: str | None,
+    estimator: str | None,
+    method: str | None,
+    period: tuple[float, ...],
+    settings: tuple[str, ...],
+    output: Path | None,
+    force: bool,
+    **further: Any,  # noqa: ANN401  as the options say
+) -> Answer:
+    """Identify a robot's base parameters and friction from one log or several.
+
+    Columns, units, filter and decimation are those of the robot file; options override them.
+    Parameters that the logs cannot identify are refused by name, with the reason. With --rows friction a
+    law of friction is found for every joint that moves: which one, and its parameters.
+    """
+    rigid, elastic, law = (_select_options(further, names) for names in (RIGID, ELASTIC, FRICTION))
+    _check_mixed(rows, {"method": method, **elastic, **rigid}, law)
+    shared = {key: value for key, value in further.items() if key not in (*RIGID, *ELASTIC, *FRICTION)}
+    shared["settings"] = split_settings(settings)
+    # A setting that cannot be made is refused before anything else.
+    model = robot.load(console, settings=shared["settings"], friction=shared["friction"])
+    check_output(output, force=force, inputs=(model.path, *logs))
+    if rows == _LAWS:
+        laws = model.identify_friction(logs, estimator=estimator, period=period, **law, **shared)
+        return _answer_fit(laws, output, "result")
+    if method == _STIFFNESS:
+        return _answer_stiffness(
+            model, logs, _list_given(rows, estimator, period, rigid, elastic), shared, output
+        )
+    fit = model.identify(
+        logs, rows=rows, estimator=estimator, method=method, period=period, **rigid, **elastic, **shared
+    )
+    return _answer_fit(fit, output, "estimate")
+
+
+def _answer_fit(fit: Any, output: Path | None, what: str) -> Answer:  # noqa: ANN401  fits and stiffness alike
+    lines = [] if output is None else [f"{what}: {show_path(fit.save(output))}"]
+    return make_answer(fit, *lines, file=output)
+
+
+def _answer_stiffness(
+    model: "RobotModel",
+    logs: tuple[Path, ...],
+    given: tuple[str, ...],
+    shared: Mapping[str, Any],
+    output: Path | None,
+) -> Answer:
+    """Return the stiffness of all joints, for which options of rows and estimators have no meaning."""
+    if given:
+        them = "them" if given[1:] else "it"
+        text = f"{', '.join(given)} cannot be used with --method stiffness; leave {them} out"
+        raise UsageError(Notice(code="usage.mixed-options", text=text))
+    settings = dict(shared["settings"])
+    for key, name in (("cutoff", "filter_cutoff"), ("decimate", "decimation.factor")):
+        if shared[key] is not None:
+            settings[f"processing.{name}"] = shared[key]
+    found = model.identify_stiffness(
+        logs,
+        friction=shared["friction"],
+        settings=settings,
+        drop_first=shared["drop_first"],
+        drop_last=shared["drop_last"],
+    )
+    return _answer_fit(found, output, "result")
+
+
+def _select_options(options: Mapping[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
+    return {name: options[name] for name in names}
+
+
+def _list_given(
+    rows: str | None,
+    estimator: str | None,
+    period: tuple[float, ...],
+    rigid: Mapping[str, Any],
+    elastic: Mapping[str, Any],
+) -> tuple[str, ...]:
+    """Return the options of rows, estimators and methods that were given."""
+    entries = {"rows": rows, "estimator": estimator, "period": period, **rigid, **elastic}
+    return tuple(_write_option(name) for name, value in entries.items() if value not in (None, (), False))
+
+
+def _write_option(name: str) -> str:
+    return f"--{'lambda' if name == 'rate' else name.replace('_', '-')}"
+
+
+def _check_mixed(rows: str | None, others: Mapping[str, object], law: Mapping[str, object]) -> None:
+    """Refuse options of friction laws for other rows, and those of rows and methods for friction.
+
+    Raises:
+        UsageError: options of one kind with rows of the other.
+    """
+    asked = rows == _LAWS
+    given = [
+        _write_option(name)
+        for name, value in (others if asked else law).items()
+        if value not in (None, (), False)
+    ]
+    if given:
+        kind = rows or "torque"
+        what = "--rows friction" if asked else f"--rows {kind}; they belong to --rows friction"
+        text = f"{', '.join(given)} cannot be used with {what}; leave {'them' if given[1:] else 'it'} out"
+        raise UsageError(Notice(code="usage.mixed-options", text=text))
+
+
+@click.command("payload", cls=Verb)
+@robot_argument(computes=True)
+@click.argument("loaded", nargs=-1, required=True, metavar="LOADED...", type=click.Path(path_type=Path))
+@option(
+    "--empty",
+    multiple=True,
+    required=True,
+    metavar="EMPTY",
+    type=click.Path(path_type=Path),
+    group=INPUT,
+    help="Estimate or log without the payload; repeat the option for several logs.",
+)
+@option(
+    "--joint",
+    metavar="NAME",
+    group=MODEL,
+    help="Joint whose link carries the payload.  [default: the last joint]",
+)
+@option(
+    "--mass",
+    type=FiniteRange(min=0.0, min_open=True),
+    metavar="KG",
+    group=MODEL,
+    help="Known mass, for example from a balance: the rest becomes more certain.",
+)
+@option(
+    "--rows",
+    type=click.Choice(("torque", "momentum")),
+    default="torque",
+    show_default=True,
+    group=METHOD,
+    help="Equations built from logs: torques, or momentum over windows.",
+)
+@option(
+    "--estimator",
+    type=click.Choice(("ols", "wls")),
+    default="wls",
+    show_default=True,
+    group=METHOD,
+    help="Least squares for logs: ordinary, or weighted by the noise of each joint.",
+)
+@output_option("Write the result as JSON.")
+@force_option
+@verb
+def payload_command(
+    console: Console,
+    *,
+    robot: NamedRobot,
+    loaded: tuple[Path, ...],
+    empty: tuple[Path, ...],
+    joint: str | None,
+    mass: float | None,
+    rows: PayloadRows,
+    estimator: PayloadEstimator,
+    output: Path | None,
+    force: bool,
+) -> Answer:
+    """Find mass, centre of mass and inertia of what ROBOT carries in LOADED and not in EMPTY.
+
+    LOADED and EMPTY are an estimate each, as `identify` writes them, or logs. The inertia is that of a
+    body that can exist. What the robot cannot show, or noise hides, is refused by name.
+    """
+    check_output(output, force=force, inputs=(*loaded, *empty))
+    model = robot.load(console)
+    check_output(output, force=force, inputs=(model.path,))
+    found = model.payload(loaded, empty, joint=joint, mass=mass, rows=rows, estimator=estimator)
+    if output is None:
+        return make_answer(found, file=None)
+    return make_answer(found, f"payload: {show_path(found.save(output))}", file=output)

@@ -1,0 +1,275 @@
+"""Friction laws as C99 that stands alone, with and without memory: one header and one source.
+
+Static laws -> one function a law,
+    double symid_friction_stribeck(double velocity, const double p[4]);
+where p holds the physical parameters in the order of the law.
+`DynamicLaw` -> a struct for the deflection of the bristles, how it is made and moved on.
+
+The statements come from the law's own columns or step, over the expressions of all generated code.
+
+Supported: double and float; all laws of the joint models.
+Not supported: several joints in one state; each joint has its own.
+"""
+
+import math
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from symid.codegen.functions import FunctionSpec, Port
+from symid.codegen.material import BANNER
+from symid.codegen.printing import FunctionBody, print_c, write_c_helper, write_literal
+from symid.codegen.programs import ExpressionTable, Program, ValueAlgebra
+from symid.codegen.source_text import clean_text, write_template
+from symid.joint_models import DynamicLaw, FrictionLaw, LawParameter, compute_bristle_step
+
+_INPUT_UNITS = {"velocity": "rad/s or m/s", "load": "N m or N", "position": "rad or m"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrictionFunction:
+    """One law in C."""
+
+    name: str
+    lines: tuple[str, ...]
+    declaration: str
+    statements: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrictionHeaderContext:
+    """friction.h.jinja."""
+
+    banner: str
+    file: str
+    macro: str
+    functions: tuple[FrictionFunction, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrictionContext:
+    """friction.c.jinja."""
+
+    banner: str
+    file: str
+    helpers: tuple[str, ...]
+    functions: tuple[FrictionFunction, ...]
+
+
+def build_law_program(law: FrictionLaw) -> Program:
+    """Return the torque of a law as a program of its inputs, a port each, and its physical parameters p."""
+    table = ExpressionTable()
+    algebra = ValueAlgebra(table)
+    inputs = {name: table.input(port, 0) for port, name in enumerate(law.inputs)}
+    values = [table.input(len(law.inputs), k) for k in range(len(law.physical))]
+    own = [_combine_parameters(algebra, row, values) for row in law.unmixing]
+    count = len(law.linear)
+    torque = algebra.zero
+    for factor, column in zip(own[:count], law.columns(algebra, inputs, own[count:]), strict=True):
+        torque = algebra.add(torque, algebra.mul(factor, column))
+    instructions, outputs = table.collect([[torque]])
+    spec = FunctionSpec(
+        name=_build_law_name(law),
+        inputs=(
+            *(Port(name=name, shape=(1,), unit=_INPUT_UNITS[name], meaning=name) for name in law.inputs),
+            Port(name="p", shape=(len(values),), unit="mixed", meaning="parameters", shared=True),
+        ),
+        outputs=(Port(name="tau", shape=(1,), unit="N m", meaning="friction torque"),),
+        meaning=law.formula,
+    )
+    return Program(spec=spec, instructions=instructions, outputs=outputs)
+
+
+def _combine_parameters(algebra: ValueAlgebra, row: Sequence[int], values: Sequence[int]) -> int:
+    total = algebra.zero
+    for factor, value in zip(row, values, strict=True):
+        if factor:
+            total = algebra.add(total, algebra.scale(float(factor), value))
+    return total
+
+
+def _build_law_name(law: FrictionLaw) -> str:
+    name = re.sub(r"[^a-z0-9]+", "_", law.name)
+    if not law.smoothing:
+        return name
+    return f"{name}_smooth_{re.sub(r'[^a-z0-9]+', '_', f'{law.smoothing:g}')}"
+
+
+def _write_return(body: FunctionBody) -> tuple[str, ...]:
+    """Return the statements of a function of numbers that returns one, from those of arrays."""
+    statements = [re.sub(r"\b(velocity|load|position)\[0\]", r"\1", line) for line in body.statements]
+    return *statements[:-1], "return " + statements[-1].removeprefix("tau[0] = ")
+
+
+def _describe_parameter(k: int, parameter: LawParameter) -> str:
+    unit = parameter.unit
+    if unit != parameter.unit_prismatic:
+        unit = f"{unit} or {parameter.unit_prismatic}"
+    return clean_text(f"p[{k}] {parameter.name} ({unit}): {parameter.meaning}")
+
+
+def _describe_law(law: FrictionLaw) -> Iterator[str]:
+    yield f"@brief {clean_text(law.formula)}"
+    yield ""
+    yield clean_text(f"Law {law.name}. Source: {law.source}.")
+    yield clean_text(f"{law.smoothness} {law.passivity}")
+    yield ""
+    for name in law.inputs:
+        yield f"@param [in] {name} {_INPUT_UNITS[name]}"
+    yield f"@param [in] p {len(law.physical)} parameters"
+    yield from (f"  {_describe_parameter(k, parameter)}" for k, parameter in enumerate(law.physical))
+    yield "@return friction torque, N m or N, positive against positive velocity"
+
+
+def _write_law_function(law: FrictionLaw, body: FunctionBody, prefix: str, real: str) -> FrictionFunction:
+    inputs = "".join(f"{real} {name}, " for name in law.inputs)
+    name = f"{prefix}_friction_{_build_law_name(law)}"
+    return FrictionFunction(
+        name=name,
+        lines=tuple(f" {line}".rstrip() for line in _describe_law(law)),
+        declaration=f"{real} {name}({inputs}const {real} p[{len(law.physical)}])",
+        statements=_write_return(body),
+    )
+
+
+def generate_friction_laws(
+    laws: Sequence[FrictionLaw], *, prefix: str = "symid", precision: str = "double"
+) -> tuple[tuple[str, str], ...]:
+    """Return path and text of the header and of the source of friction laws.
+
+    Args:
+        laws: each under a name of its own.
+        prefix: of the files, which end in _friction_laws, and of the functions.
+        precision: "double" or "float".
+    """
+    bodies = [print_c(build_law_program(law), precision) for law in laws]
+    functions = tuple(
+        _write_law_function(law, body, prefix, precision) for law, body in zip(laws, bodies, strict=True)
+    )
+    helpers = sorted({name for body in bodies for name in body.helpers})
+    file = f"{prefix}_friction_laws"
+    header = FrictionHeaderContext(banner=BANNER, file=file, macro=file.upper(), functions=functions)
+    source = FrictionContext(
+        banner=BANNER,
+        file=file,
+        helpers=tuple(write_c_helper(name, precision) for name in helpers),
+        functions=functions,
+    )
+    return (
+        (f"{file}.h", write_template("c/friction.h.jinja", header)),
+        (f"{file}.c", write_template("c/friction.c.jinja", source)),
+    )
+
+
+_LAW_BANNER = "Generated by symid. Do not edit: change the law or the template, and write it again."
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrictionStateHeaderContext:
+    """friction_state.h.jinja."""
+
+    banner: str
+    prefix: str
+    macro: str
+    real: str
+    law: str
+    formula: str
+    parameter_lines: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrictionStateContext:
+    """friction_state.c.jinja."""
+
+    banner: str
+    prefix: str
+    macro: str
+    real: str
+    zero: str
+    size: str
+    largest: str
+    parameter_count: int
+    parameters: str
+    helpers: tuple[str, ...]
+    checks: tuple[str, ...]
+    statements: tuple[str, ...]
+
+
+def build_step_program(law: DynamicLaw) -> Program:
+    """Return a step as a program: parameters p, held velocity and period, z -> z after it, torque."""
+    table = ExpressionTable()
+    algebra = ValueAlgebra(table)
+    values = [table.input(0, k) for k in range(len(law.parameters))]
+    held = (table.input(1, 0), table.input(1, 1))
+    step = compute_bristle_step(algebra, law, held, table.input(2, 0), values)
+    instructions, outputs = table.collect([[value] for value in step])
+    spec = FunctionSpec(
+        name=f"{law.name}_step",
+        inputs=(
+            Port(name="p", shape=(len(values),), unit="mixed", meaning="parameters", shared=True),
+            Port(name="held", shape=(2,), unit="mixed", meaning="velocity and period of the step"),
+            Port(name="z", shape=(1,), unit="rad", meaning="deflection of the bristles"),
+        ),
+        outputs=(
+            Port(name="z_after", shape=(1,), unit="rad", meaning="deflection after the step"),
+            Port(name="torque", shape=(1,), unit="N m", meaning="friction torque after the step"),
+        ),
+        meaning=law.formula,
+    )
+    return Program(spec=spec, instructions=instructions, outputs=outputs)
+
+
+def _write_checks(law: DynamicLaw, real: str) -> tuple[str, ...]:
+    """Return the conditions that the parameters meet; a NaN meets none."""
+    checks = []
+    for parameter in law.parameters:
+        relation = ">=" if parameter.lower_is_allowed else ">"
+        checks.append(f"p->{parameter.name} {relation} {write_literal(parameter.lower, real)}")
+        bounded = math.isfinite(parameter.upper)
+        upper = write_literal(parameter.upper, real) if bounded else _get_largest_literal(real)
+        checks.append(f"p->{parameter.name} <= {upper}")
+    return tuple(checks)
+
+
+def _get_largest_literal(real: str) -> str:
+    return "FLT_MAX" if real == "float" else "DBL_MAX"
+
+
+def generate_friction_state(law: DynamicLaw, *, precision: str = "double") -> tuple[tuple[str, str], ...]:
+    """Return name and text of the header and the source of a law.
+
+    Args:
+        law: the model.
+        precision: "double" or "float".
+    """
+    prefix = f"symid_friction_{law.name}"
+    body = print_c(build_step_program(law), precision)
+    units = [f"{parameter.unit} ({parameter.unit_prismatic})" for parameter in law.parameters]
+    pairs = zip(law.parameters, units, strict=True)
+    header = FrictionStateHeaderContext(
+        banner=_LAW_BANNER,
+        prefix=prefix,
+        macro=prefix.upper(),
+        real=precision,
+        law=law.name,
+        formula=clean_text(law.formula),
+        parameter_lines=tuple(f"{entry.name}; /**< {entry.meaning}, {unit} */" for entry, unit in pairs),
+    )
+    source = FrictionStateContext(
+        banner=_LAW_BANNER,
+        prefix=prefix,
+        macro=prefix.upper(),
+        real=precision,
+        zero=write_literal(0.0, precision),
+        size="fabsf" if precision == "float" else "fabs",
+        largest=_get_largest_literal(precision),
+        parameter_count=len(law.parameters),
+        parameters=", ".join(f"state->parameters.{name}" for name in law.names),
+        helpers=tuple(write_c_helper(name, precision) for name in body.helpers),
+        checks=_write_checks(law, precision),
+        statements=body.statements,
+    )
+    return (
+        (f"{prefix}.h", write_template("c/friction_state.h.jinja", header)),
+        (f"{prefix}.c", write_template("c/friction_state.c.jinja", source)),
+    )

@@ -1,0 +1,622 @@
+"""Straight-line programs, and the table of expressions in which they are built.
+
+Operations on references, in any order -> `ExpressionTable` -> `Program`, from which C and Python are
+printed, and its operation counts.
+
+A reference is the one-based number of an instruction; a minus sign in front of it means the value with the
+other sign, so that negation costs no instruction. In a table equal expressions are one entry: constants
+are folded, 0, 1, -1 and 2 cost nothing, constant factors are put together, (a - b) + b = a, and there is
+one zero. `ValueAlgebra` is the scalar algebra over such references, so that a route is counted in
+milliseconds.
+
+Derivatives are written into the same table: forward, one pass per direction; backward, one pass per value,
+all derivatives at once (Griewank and Walther 2008).
+
+Finished programs are ordered depth first, so that few values are alive at a time, which saves registers in
+C and whole arrays in NumPy: a value is computed when the first that needs it is next, and of two operands
+first the one that needs more values itself (Sethi and Ullman 1970, for trees).
+
+Supported: sums, products, quotients, elementary functions, sign, selection, greater and smaller of two;
+numbers as the nearest doubles, or exact ones kept as inputs of their own, symbolic lengths with them;
+derivatives of sums, products, quotients, sine and cosine.
+Not supported: loops, branches, calls; rules that put sums together in another way; doubles of symbolic
+lengths without a value; derivatives of other operations, which are refused by name.
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+from fractions import Fraction
+
+from symid.codegen.functions import FunctionSpec
+from symid.dynamics import RobotState, spread_coordinates
+from symid.robot import Exact, Robot
+
+
+class Op(Enum):
+    """What an instruction does; comparisons give one or zero; where an operand is NaN, the result is NaN."""
+
+    INPUT = "input"
+    CONSTANT = "constant"
+    ADD = "add"
+    SUB = "sub"
+    MUL = "mul"
+    DIV = "div"
+    SIN = "sin"
+    COS = "cos"
+    TAN = "tan"
+    SQRT = "sqrt"
+    EXP = "exp"
+    TANH = "tanh"
+    POWER = "power"
+    ABS = "abs"
+    SIGN = "sign"
+    LESS = "less"
+    LESS_EQUAL = "less_equal"
+    IS_ZERO = "is_zero"
+    SELECT = "select"
+    MAXIMUM = "maximum"
+    MINIMUM = "minimum"
+
+
+PRODUCTS = frozenset({Op.MUL, Op.DIV})
+SUMS = frozenset({Op.ADD, Op.SUB})
+ELEMENTARY = frozenset({Op.SIN, Op.COS, Op.TAN, Op.SQRT, Op.EXP, Op.TANH, Op.POWER})
+
+
+@dataclass(frozen=True, slots=True)
+class Instruction:
+    """One operation.
+
+    `args` are references; for INPUT they are the port's number and the row-major element.
+    `constant` is the value of a CONSTANT, never negative.
+    """
+
+    op: Op
+    args: tuple[int, ...] = ()
+    constant: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Program:
+    """A function in static single assignment form.
+
+    `outputs` holds, per output port, the references of its elements in row-major order.
+    """
+
+    spec: FunctionSpec
+    instructions: tuple[Instruction, ...]
+    outputs: tuple[tuple[int, ...], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Operations:
+    """Arithmetic of a program: `mul` with squares and divisions, `add` with doublings, `trig` apart."""
+
+    mul: int
+    add: int
+    trig: int
+
+
+def count_operations(program: Program) -> Operations:
+    """Return the operations of `program`; a^2 is one product, a + a one sum, negation is free.
+
+    `trig` counts sines, cosines and the other elementary functions; comparisons are not counted.
+    """
+    ops = [instruction.op for instruction in program.instructions]
+    return Operations(
+        mul=sum(op in PRODUCTS for op in ops),
+        add=sum(op in SUMS for op in ops),
+        trig=sum(op in ELEMENTARY for op in ops),
+    )
+
+
+def _list_operands(instruction: Instruction) -> tuple[int, ...]:
+    return () if instruction.op is Op.INPUT else tuple(map(abs, instruction.args))
+
+
+def _count_live_values(program: Program) -> list[int]:
+    """Return how many values are alive at once while a value is computed, were none used twice."""
+    needs = [0]
+    for instruction in program.instructions:
+        below = sorted((needs[k] for k in set(_list_operands(instruction))), reverse=True)
+        needs.append(max([1, *(need + k for k, need in enumerate(below))]))
+    return needs
+
+
+def _list_depth_first(program: Program) -> list[int]:
+    """Return the numbers of the instructions in their new order."""
+    needs = _count_live_values(program)
+    order: dict[int, None] = {}
+    for refs in program.outputs:
+        for ref in refs:
+            waiting = [abs(ref)]
+            while waiting:
+                number = waiting[-1]
+                operands = _list_operands(program.instructions[number - 1])
+                missing = [k for k in reversed(operands) if k not in order]
+                if missing:
+                    # The last one on the stack comes first; of equal needs the first operand.
+                    waiting.extend(sorted(missing, key=needs.__getitem__))
+                else:
+                    order[waiting.pop()] = None
+    return list(order)
+
+
+def build_depth_first(program: Program) -> Program:
+    """Return `program` with its instructions in depth-first order."""
+    order = _list_depth_first(program)
+    renumbered = {old: new for new, old in enumerate(order, start=1)}
+
+    def move(ref: int) -> int:
+        return renumbered[ref] if ref > 0 else -renumbered[-ref]
+
+    def rewrite(number: int) -> Instruction:
+        instruction = program.instructions[number - 1]
+        if instruction.op is Op.INPUT:
+            return instruction
+        return Instruction(instruction.op, tuple(map(move, instruction.args)), instruction.constant)
+
+    return Program(
+        spec=program.spec,
+        instructions=tuple(map(rewrite, order)),
+        outputs=tuple(tuple(map(move, refs)) for refs in program.outputs),
+    )
+
+
+_ODD = frozenset({Op.SIN, Op.TAN, Op.TANH, Op.SIGN})
+_EVEN = frozenset({Op.COS, Op.ABS, Op.IS_ZERO})
+# The first entries of every table.
+_ZERO, _ONE, _TWO = 1, 2, 3
+
+PairNumbers = dict[tuple[int, int], int]
+
+
+def _is_power_of_two(value: float) -> bool:
+    return value != 0.0 and abs(math.frexp(value)[0]) == 0.5
+
+
+class ExpressionTable:
+    """Hash-consed instructions. Methods take and return references (see `instructions`)."""
+
+    def __init__(self) -> None:
+        self._ops: list[Op] = []
+        self._args: list[tuple[int, ...]] = []
+        self._sources: list[tuple[int, ...]] = []
+        self._constants: dict[int, float] = {}
+        self._sums: PairNumbers = {}
+        self._differences: PairNumbers = {}
+        self._products: PairNumbers = {}
+        self._others: dict[tuple[str, tuple[int, ...]], int] = {}
+        self._literals: dict[float, int] = {}
+        for value in (0.0, 1.0, 2.0):
+            self.constant(value)
+
+    def _append(self, op: Op, args: tuple[int, ...]) -> int:
+        self._ops.append(op)
+        self._args.append(args)
+        self._sources.append(() if op is Op.INPUT else args)
+        return len(self._ops)
+
+    def _intern(self, op: Op, args: tuple[int, ...]) -> int:
+        # An enumeration's own hash is slow.
+        key = (op.value, args)
+        number = self._others.get(key)
+        if number is None:
+            number = self._others[key] = self._append(op, args)
+        return number
+
+    def _find_constant(self, ref: int) -> float | None:
+        value = self._constants.get(abs(ref))
+        return value if value is None or ref > 0 else -value
+
+    def constant(self, value: float) -> int:
+        """Return the constant `value`; its sign stands in the reference."""
+        number = self._literals.get(abs(value))
+        if number is None:
+            number = self._literals[abs(value)] = self._append(Op.CONSTANT, ())
+            self._constants[number] = abs(value)
+        return -number if value < 0 else number
+
+    def is_constant(self, ref: int) -> bool:
+        """Return whether a value is known already."""
+        return abs(ref) in self._constants
+
+    def input(self, port: int, element: int) -> int:
+        """Return the row-major `element` of input `port`."""
+        return self._intern(Op.INPUT, (port, element))
+
+    def _find_rest(self, whole: int, part: int) -> int:
+        """Return what remains of the sum `whole` when `part` takes one of its terms away, else 0."""
+        number = abs(whole)
+        op = self._ops[number - 1]
+        if op is not Op.ADD and op is not Op.SUB:
+            return 0
+        first, second = self._args[number - 1]
+        if op is Op.SUB:
+            second = -second
+        if whole < 0:
+            first, second = -first, -second
+        if first == -part:
+            return second
+        return first if second == -part else 0
+
+    def _split_constant(self, ref: int) -> tuple[float, int] | None:
+        """Return c and x where `ref` is the product of a constant c and x, None if it is not."""
+        op = self._ops[abs(ref) - 1]
+        if op is not Op.MUL and op is not Op.ADD:
+            return None
+        low, high = self._args[abs(ref) - 1]
+        if op is Op.ADD:
+            return (2.0, low if ref > 0 else -low) if low == high else None
+        for factor, other in ((low, high), (high, low)):
+            if factor in self._constants:
+                return self._constants[factor], other if ref > 0 else -other
+        return None
+
+    def _simplify_sum(self, left: int, right: int) -> int:
+        """Return a simpler form of left + right, 0 if there is none."""
+        a, b = self._find_constant(left), self._find_constant(right)
+        if a is not None and b is not None:
+            return self.constant(a + b)
+        rest = self._find_rest(left, right) or self._find_rest(right, left)
+        if rest or left != right:
+            return rest
+        split = self._split_constant(left)
+        return self.mul(self.constant(2.0 * split[0]), split[1]) if split else 0
+
+    def add(self, left: int, right: int) -> int:
+        """Return left + right."""
+        if left in (_ZERO, -_ZERO):
+            return right
+        if right in (_ZERO, -_ZERO):
+            return left
+        if left == -right:
+            return _ZERO
+        if (left > 0) == (right > 0):
+            first, second, op, known = abs(left), abs(right), Op.ADD, self._sums
+            positive = left > 0
+        else:
+            first, second = (left, -right) if left > 0 else (right, -left)
+            op, known, positive = Op.SUB, self._differences, first < second
+        # x - y and y - x are the same instruction.
+        pair = (first, second) if first <= second else (second, first)
+        number = known.get(pair)
+        if number is None:
+            simple = self._simplify_sum(left, right)
+            if simple:
+                return simple
+            number = known[pair] = self._append(op, pair)
+        return number if positive else -number
+
+    def _simplify_product(self, left: int, right: int) -> int:
+        """Return a simpler form of left * right, 0 if there is none."""
+        a, b = self._find_constant(left), self._find_constant(right)
+        if a is not None and b is not None:
+            return self.constant(a * b)
+        if b is not None:
+            left, right, a = right, left, b
+        if a is None:
+            return 0
+        if abs(left) == _TWO:
+            signed = right if left > 0 else -right
+            return self.add(signed, signed)
+        split = self._split_constant(right)
+        return self.mul(self.constant(a * split[0]), split[1]) if split else 0
+
+    def mul(self, left: int, right: int) -> int:
+        """Return left * right."""
+        low, high = abs(left), abs(right)
+        if low > high:
+            low, high = high, low
+        if low == _ZERO:
+            return _ZERO
+        positive = (left > 0) == (right > 0)
+        if low == _ONE:
+            return high if positive else -high
+        number = self._products.get((low, high))
+        if number is None:
+            simple = self._simplify_product(left, right)
+            if simple:
+                return simple
+            number = self._products[low, high] = self._append(Op.MUL, (low, high))
+        return number if positive else -number
+
+    def div(self, left: int, right: int) -> int:
+        """Return left / right."""
+        a, b = self._find_constant(left), self._find_constant(right)
+        if a is not None and b:
+            return self.constant(a / b)
+        if a == 0.0:
+            return _ZERO
+        if b is not None and _is_power_of_two(b):
+            return self.mul(left, self.constant(1.0 / b))
+        number = self._intern(Op.DIV, (abs(left), abs(right)))
+        return number if (left > 0) == (right > 0) else -number
+
+    def apply(self, op: Op, *args: int) -> int:
+        """Return an elementary function, comparison or selection of `args`."""
+        if op in _ODD:
+            number = self._intern(op, (abs(args[0]),))
+            return number if args[0] > 0 else -number
+        if op in _EVEN:
+            return self._intern(op, (abs(args[0]),))
+        return self._intern(op, args)
+
+    def _find_needed(self, outputs: Iterable[int]) -> list[int]:
+        """Return the numbers of the instructions that `outputs` need, in order."""
+        needed: set[int] = set()
+        waiting = [abs(ref) for ref in outputs]
+        while waiting:
+            number = waiting.pop()
+            if number not in needed:
+                needed.add(number)
+                waiting.extend(map(abs, self._sources[number - 1]))
+        # Sorted, the set's own order takes no part.
+        return sorted(needed)
+
+    def walk(self, outputs: Iterable[int]) -> list[tuple[int, Op, tuple[int, ...]]]:
+        """Return number, operation and arguments of the instructions that `outputs` need, in order."""
+        return [(k, self._ops[k - 1], self._args[k - 1]) for k in self._find_needed(outputs)]
+
+    def count(self, outputs: Iterable[int]) -> Operations:
+        """Return the operations that `outputs` need; see `instructions.count_operations`."""
+        ops = [self._ops[number - 1] for number in self._find_needed(outputs)]
+        # An enumeration's own hash is slow, comparing its members is not.
+        return Operations(
+            mul=sum(map(ops.count, PRODUCTS)),
+            add=sum(map(ops.count, SUMS)),
+            trig=sum(map(ops.count, ELEMENTARY)),
+        )
+
+    def collect(
+        self, outputs: Iterable[Iterable[int]]
+    ) -> tuple[tuple[Instruction, ...], tuple[tuple[int, ...], ...]]:
+        """Return the instructions that `outputs` need, in order and numbered anew, and the outputs."""
+        wanted = [tuple(port) for port in outputs]
+        kept = self._find_needed(ref for port in wanted for ref in port)
+        renumbered = {old: new for new, old in enumerate(kept, start=1)}
+
+        def move(ref: int) -> int:
+            # What a route negated itself may be zero.
+            return renumbered[ref] if ref > 0 else -renumbered[-ref] if ref != -_ZERO else renumbered[_ZERO]
+
+        def rewrite(number: int) -> Instruction:
+            op, args = self._ops[number - 1], self._args[number - 1]
+            if op is Op.CONSTANT:
+                return Instruction(op, (), self._constants[number])
+            return Instruction(op, args if op is Op.INPUT else tuple(map(move, args)))
+
+        instructions = tuple(map(rewrite, kept))
+        return instructions, tuple(tuple(map(move, port)) for port in wanted)
+
+
+NUMBERS = -2
+"""The port whose elements are the exact numbers of an algebra that keeps them."""
+_DYADIC = {Exact.of(value): value for value in (0.0, 0.5, 1.0, 2.0, -0.5, -1.0, -2.0)}
+_SHORT_DENOMINATOR = 10**6
+
+
+@dataclass(frozen=True, slots=True)
+class ValueAlgebra:
+    """References to `table`; `symbols` holds the values of symbolic lengths in m.
+
+    `numbers` collects the exact numbers that doubles would round, symbolic lengths among them, in the order
+    of the elements of the port `NUMBERS`; None where numbers become doubles.
+    """
+
+    table: ExpressionTable
+    symbols: Mapping[str, float] = field(default_factory=dict)
+    numbers: dict[Exact, int] | None = None
+
+    @property
+    def zero(self) -> int:
+        """Return zero."""
+        return self.table.constant(0.0)
+
+    @property
+    def one(self) -> int:
+        """Return one."""
+        return self.table.constant(1.0)
+
+    def constant(self, value: Exact) -> int:
+        """Return `value`, or the double nearest to it."""
+        if self.numbers is None:
+            return self.table.constant(value.to_float(self.symbols))
+        if value in _DYADIC:
+            return self.table.constant(_DYADIC[value])
+        if -value in self.numbers:
+            return -self.numbers[-value]
+        if value not in self.numbers:
+            self.numbers[value] = self.table.input(NUMBERS, len(self.numbers))
+        return self.numbers[value]
+
+    def add(self, left: int, right: int) -> int:
+        """Return left + right."""
+        return self.table.add(left, right)
+
+    def sub(self, left: int, right: int) -> int:
+        """Return left - right."""
+        return self.table.add(left, -right)
+
+    def mul(self, left: int, right: int) -> int:
+        """Return left * right."""
+        return self.table.mul(left, right)
+
+    def div(self, left: int, right: int) -> int:
+        """Return left / right."""
+        return self.table.div(left, right)
+
+    def maximum(self, left: int, right: int) -> int:
+        """Return the greater of two."""
+        return self.table.apply(Op.MAXIMUM, left, right)
+
+    def minimum(self, left: int, right: int) -> int:
+        """Return the smaller of two."""
+        return self.table.apply(Op.MINIMUM, left, right)
+
+    def neg(self, value: int) -> int:
+        """Return -value; there is one zero."""
+        return value if value == self.zero else -value
+
+    def half(self, value: int) -> int:
+        """Return value / 2."""
+        return self.table.mul(self.table.constant(0.5), value)
+
+    def sign(self, value: int) -> int:
+        """Return -1, 0 or 1."""
+        return self.table.apply(Op.SIGN, value)
+
+    def scale(self, factor: float, value: int) -> int:
+        """Return factor * value."""
+        if self.numbers is None:
+            return self.table.mul(self.table.constant(factor), value)
+        # The inverse of a decimal is meant as that, 100/3 and not its first sixteen digits.
+        short = Fraction(factor).limit_denominator(_SHORT_DENOMINATOR)
+        exact = Exact.of(short) if float(short) == factor else Exact.of(factor)
+        return self.table.mul(self.constant(exact), value)
+
+    def tanh(self, value: int) -> int:
+        """Return the hyperbolic tangent."""
+        return self.table.apply(Op.TANH, value)
+
+    def exp(self, value: int) -> int:
+        """Return the exponential."""
+        return self.table.apply(Op.EXP, value)
+
+    def sin(self, value: int) -> int:
+        """Return the sine."""
+        return self.table.apply(Op.SIN, value)
+
+    def cos(self, value: int) -> int:
+        """Return the cosine."""
+        return self.table.apply(Op.COS, value)
+
+    def power(self, base: int, exponent: int) -> int:
+        """Return base^exponent for base >= 0, exponent > 0."""
+        return self.table.apply(Op.POWER, base, exponent)
+
+    def absolute(self, value: int) -> int:
+        """Return |value|."""
+        return self.table.apply(Op.ABS, value)
+
+
+def build_joint_state(
+    robot: Robot,
+    algebra: ValueAlgebra,
+    coordinates: tuple[Sequence[int], Sequence[int], Sequence[int]],
+    turns: Mapping[int, float],
+) -> RobotState[int]:
+    """Return the state of the joints from references to the coordinates: q, dq, ddq.
+
+    `turns` are constant angles in rad, by joint, that are added before sine and cosine.
+    """
+    table = algebra.table
+
+    def spread(values: Sequence[int]) -> tuple[int, ...]:
+        return spread_coordinates(robot, algebra, values)[: robot.size]
+
+    position, velocity, acceleration = map(spread, coordinates)
+    angles = [table.add(angle, table.constant(turns.get(joint, 0.0))) for joint, angle in enumerate(position)]
+    return RobotState(
+        sine=tuple(table.apply(Op.SIN, angle) for angle in angles),
+        cosine=tuple(table.apply(Op.COS, angle) for angle in angles),
+        position=position,
+        velocity=velocity,
+        acceleration=acceleration,
+    )
+
+
+TableEntry = tuple[int, Op, tuple[int, ...]]
+
+
+def _differentiate_instruction(
+    table: ExpressionTable, number: int, op: Op, args: tuple[int, ...]
+) -> tuple[int, ...]:
+    """Return the derivative of an instruction by each of its arguments."""
+    one = table.constant(1.0)
+    if op is Op.ADD:
+        return one, one
+    if op is Op.SUB:
+        return one, -one
+    if op is Op.MUL:
+        return args[1], args[0]
+    if op is Op.DIV:
+        return table.div(one, args[1]), -table.div(number, args[1])
+    if op is Op.SIN:
+        return (table.apply(Op.COS, args[0]),)
+    if op is Op.COS:
+        return (-table.apply(Op.SIN, args[0]),)
+    message = f"no derivative of {op.value}: write it with sums, products, sine and cosine"
+    raise TypeError(message)
+
+
+def _list_dependent_entries(
+    users: Mapping[int, Sequence[int]], steps: Sequence[TableEntry], seeds: Iterable[int]
+) -> list[int]:
+    """Return the indices of the steps that depend on `seeds`, in order."""
+    reached: set[int] = set()
+    waiting = list(seeds)
+    while waiting:
+        for index in users.get(waiting.pop(), ()):
+            if index not in reached:
+                reached.add(index)
+                waiting.append(steps[index][0])
+    return sorted(reached)
+
+
+def differentiate_along(
+    table: ExpressionTable, values: Sequence[int], directions: Sequence[Mapping[int, int]]
+) -> list[list[int]]:
+    """Return, for each direction, the derivatives of `values` where each input moves by its seed.
+
+    Constants stay where they are.
+    """
+    zero = table.constant(0.0)
+    steps = table.walk(values)
+    users: dict[int, list[int]] = {}
+    for index, (_, op, args) in enumerate(steps):
+        for ref in () if op is Op.INPUT else args:
+            users.setdefault(abs(ref), []).append(index)
+    results = []
+    for seeds in directions:
+        moving = {
+            ref: seed for ref, seed in seeds.items() if not table.is_constant(ref) and abs(seed) != zero
+        }
+        rates = {abs(ref): seed if ref > 0 else -seed for ref, seed in moving.items()}
+        for index in _list_dependent_entries(users, steps, tuple(rates)):
+            number, op, args = steps[index]
+            if number in rates:
+                continue
+            total = zero
+            for ref, slope in zip(args, _differentiate_instruction(table, number, op, args), strict=True):
+                rate = rates.get(abs(ref), zero)
+                total = table.add(total, table.mul(slope, rate if ref > 0 else -rate))
+            rates[number] = total
+        results.append([rates.get(ref, zero) if ref > 0 else -rates.get(-ref, zero) for ref in values])
+    return results
+
+
+def differentiate_forward(
+    table: ExpressionTable, values: Sequence[int], seeds: Mapping[int, int]
+) -> list[int]:
+    """Return the derivatives of `values` in one direction; see `differentiate_along`."""
+    return differentiate_along(table, values, [seeds])[0]
+
+
+def differentiate_backward(table: ExpressionTable, value: int, inputs: Sequence[int]) -> list[int]:
+    """Return the derivatives of `value` by each of `inputs`; by a constant it is zero."""
+    zero = table.constant(0.0)
+    slopes = {abs(value): table.constant(1.0 if value > 0 else -1.0)}
+    for number, op, args in reversed(table.walk([value])):
+        outer = slopes.get(number, zero)
+        if op in (Op.INPUT, Op.CONSTANT) or abs(outer) == zero:
+            continue
+        for ref, inner in zip(args, _differentiate_instruction(table, number, op, args), strict=True):
+            change = table.mul(outer, inner if ref > 0 else -inner)
+            slopes[abs(ref)] = table.add(slopes.get(abs(ref), zero), change)
+    return [
+        zero if table.is_constant(ref) else slopes.get(abs(ref), zero) * (1 if ref > 0 else -1)
+        for ref in inputs
+    ]

@@ -1,0 +1,534 @@
+"""Reference values for self-tests, the same digits on every machine.
+
+Programs and the CasADi functions built from them -> `Reference`: random states, which all functions share,
+and the outputs there: each element at the first states, and at all states sums of the elements with
+weights, which keep a table small.
+
+Values come from the programs in 50-digit arithmetic: sums, products, quotients and roots are those of
+decimal arithmetic, each rounded correctly, the other functions are mpmath's with 60 digits; no compiler's
+library of mathematics takes part. Each must agree with what CasADi computes in doubles.
+
+Most states are near zero. At a few, inputs of which a function takes nothing but sines and cosines lie far
+out: code treats these in one way up to a limit, where whole turns are taken off, and in another beyond it.
+Where a function uses an angle otherwise, as a spring does, rounding would hide all else; it stays near.
+
+Random base parameters belong to no robot: mass matrices come near to singular ones, and the forward
+dynamics would be a test of rounding. The mass matrix M is linear in beta, so beta for which it is positive
+definite are found by projecting in turn on the matrices with eigenvalues of at least one and on those of
+some beta:
+    M_k <- V max(L, 1) V^T of M(q_k, beta) = V L V^T,  beta <- argmin sum_k |M(q_k, beta) - M_k|^2
+(alternating projections on convex sets). A multiple of it is added to random numbers until M is well
+conditioned at every state.
+
+Supported: all operations of `Op`; base and standard parameters.
+Not supported: values that are not finite (refused); inputs that are matrices; physical consistency of
+beta, which the functions do not need.
+"""
+
+import operator
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from decimal import (
+    Context,
+    Decimal,
+    DecimalException,
+    DivisionByZero,
+    InvalidOperation,
+    Overflow,
+    localcontext,
+)
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import mpmath
+import numpy as np
+import numpy.typing as npt
+
+from symid.arrays import FloatArray
+from symid.codegen.functions import ModelCard, Port
+from symid.codegen.programs import Instruction, Op, Program
+from symid.codegen.source_text import GenerateOptions
+from symid.errors import GenerationError, Notice
+
+DIGITS = 50
+_MORE_DIGITS = 60
+_DECIMAL_CONTEXT = Context(prec=DIGITS, traps=[DivisionByZero, InvalidOperation, Overflow])
+_DECIMAL_ZERO, _DECIMAL_ONE = Decimal(0), Decimal(1)
+
+DecimalArray = npt.NDArray[np.object_]
+"""An array of decimal numbers."""
+
+
+@lru_cache(maxsize=1 << 16)
+def _call_mpmath(name: str, *operands: Decimal) -> Decimal:
+    """Return a function of mpmath; equal sines of many programs are computed once."""
+    with mpmath.workdps(_MORE_DIGITS):
+        value = getattr(mpmath, name)(*(mpmath.mpf(str(operand)) for operand in operands))
+        # A complex value, from outside a function's domain, is no decimal number.
+        return +Decimal(mpmath.nstr(value, _MORE_DIGITS))
+
+
+def _write_truth_value(condition: bool) -> Decimal:  # noqa: FBT001  the rules below give it as their only operand
+    return _DECIMAL_ONE if condition else _DECIMAL_ZERO
+
+
+_ELEMENTWISE: dict[Op, tuple[int, Callable[..., Decimal]]] = {
+    Op.SIN: (1, lambda a: _call_mpmath("sin", a)),
+    Op.COS: (1, lambda a: _call_mpmath("cos", a)),
+    Op.TAN: (1, lambda a: _call_mpmath("tan", a)),
+    Op.EXP: (1, lambda a: _call_mpmath("exp", a)),
+    Op.TANH: (1, lambda a: _call_mpmath("tanh", a)),
+    Op.POWER: (2, lambda a, b: _call_mpmath("power", a, b)),
+    Op.SQRT: (1, Decimal.sqrt),
+    Op.ABS: (1, abs),
+    Op.SIGN: (1, lambda a: _write_truth_value(a > 0) - _write_truth_value(a < 0)),
+    Op.LESS: (2, lambda a, b: _write_truth_value(a < b)),
+    Op.LESS_EQUAL: (2, lambda a, b: _write_truth_value(a <= b)),
+    Op.IS_ZERO: (1, lambda a: _write_truth_value(a == 0)),
+    Op.SELECT: (2, lambda a, b: b if a else _DECIMAL_ZERO),
+    Op.MAXIMUM: (2, max),
+    Op.MINIMUM: (2, min),
+}
+
+# NumPy walks the states in C; what depends on shared inputs alone stays one number.
+_DECIMAL_RULES: dict[Op, Callable[..., Any]] = {
+    Op.ADD: operator.add,
+    Op.SUB: operator.sub,
+    Op.MUL: operator.mul,
+    Op.DIV: operator.truediv,
+    **{op: np.frompyfunc(rule, count, 1) for op, (count, rule) in _ELEMENTWISE.items()},
+}
+
+
+def build_no_value_error(program: Program, why: str) -> GenerationError:
+    """Return the error that says that `program` has no value at a state."""
+    text = f"function {program.spec.name!r} has no value at a state of the self-test: {why}"
+    return GenerationError(Notice(code="codegen.no-reference", text=text))
+
+
+def _run_program(program: Program, inputs: Sequence[DecimalArray], states: int) -> tuple[DecimalArray, ...]:
+    values: list[Any] = [None]
+
+    def read(ref: int) -> Any:  # noqa: ANN401  a number, or an array of them
+        return values[ref] if ref > 0 else -values[-ref]
+
+    def compute(instruction: Instruction) -> Any:  # noqa: ANN401
+        if instruction.op is Op.INPUT:
+            port, element = instruction.args
+            given = inputs[port]
+            return given[element] if given.ndim == 1 else given[:, element]
+        if instruction.op is Op.CONSTANT:
+            return Decimal(instruction.constant)
+        return _DECIMAL_RULES[instruction.op](*map(read, instruction.args))
+
+    for instruction in program.instructions:
+        values.append(compute(instruction))  # noqa: PERF401  later values need earlier ones
+
+    def gather(refs: Sequence[int]) -> DecimalArray:
+        found = np.empty((states, len(refs)), dtype=object)
+        for k, ref in enumerate(refs):
+            found[:, k] = read(ref)
+        return found
+
+    return tuple(map(gather, program.outputs))
+
+
+def compute_exact_outputs(
+    program: Program, inputs: Sequence[DecimalArray], states: int
+) -> tuple[DecimalArray, ...]:
+    """Return per output port the elements at every state, (states, size).
+
+    Args:
+        program: the function.
+        inputs: per input port the elements at every state, (states, size); (size,) of a shared one.
+        states: how many.
+
+    Raises:
+        GenerationError: the function has no value at one of the states.
+    """
+    try:
+        with localcontext(_DECIMAL_CONTEXT):
+            return _run_program(program, inputs, states)
+    except (DecimalException, ArithmeticError, ValueError, TypeError) as error:
+        # Division by zero, and what lies outside a function's domain.
+        raise build_no_value_error(program, repr(error)) from error
+
+
+_ANGLE_OPS = frozenset({Op.SIN, Op.COS})
+
+PER_UNIT = 1000
+"""Inputs are whole numbers of thousandths, which are short to print."""
+
+_INPUT_RANGES = {"q": 3.0, "dq": 2.0, "ddq": 5.0, "tau": 20.0}
+_INPUT_RANGES |= {"dddq": 20.0, "ddddq": 100.0, "phi": 0.02, "P": 0.02, "tau_J": 20.0, "Q": 5.0}
+
+
+ANGLE_LIMITS = {"double": 1e6, "float": 1e4}
+"""Up to which angle the generated code takes whole turns off by itself, in rad."""
+
+# Reaches of the angle's size, in rad or as parts of the limit; single precision holds eighths up to 2^21.
+_FIFTY, _WITHIN, _BEYOND = (47.0, 53.0), (0.89, 0.91), (1.1, 1.5)
+_EIGHTHS = 8.0
+# Far states are as many before the end, this many apart: in other lanes of a vector, with near ones beside.
+_APART = 7
+_FEWEST = 60
+
+InputElements = frozenset[tuple[str, int, int]]
+"""Elements of inputs: the port's name, its size, the number of the element."""
+
+
+def _list_input_uses(program: Program) -> tuple[InputElements, InputElements]:
+    """Return the elements whose sines or cosines `program` takes, and those that it uses otherwise."""
+    taken: set[tuple[str, int, int]] = set()
+    otherwise: set[tuple[str, int, int]] = set()
+    elements: dict[int, tuple[str, int, int]] = {}
+    for number, instruction in enumerate(program.instructions, start=1):
+        if instruction.op is Op.INPUT:
+            port = program.spec.inputs[instruction.args[0]]
+            elements[number] = (port.name, port.size, instruction.args[1])
+            continue
+        found = taken if instruction.op in _ANGLE_OPS else otherwise
+        found.update(elements[abs(ref)] for ref in instruction.args if abs(ref) in elements)
+    given = (abs(ref) for refs in program.outputs for ref in refs)
+    otherwise.update(elements[ref] for ref in given if ref in elements)
+    return frozenset(taken), frozenset(otherwise)
+
+
+def list_angle_inputs(programs: Sequence[Program]) -> InputElements:
+    """Return the elements of which a program takes nothing but the sine and the cosine."""
+    uses = map(_list_input_uses, programs)
+    return frozenset(element for taken, otherwise in uses for element in taken - otherwise)
+
+
+def _draw_far_angles(
+    rng: np.random.Generator, values: FloatArray, columns: Sequence[int], limit: float
+) -> None:
+    """Put angles far out at a few rows of `values`; eighths are exact in single precision too."""
+    parts = (_WITHIN, _WITHIN, _BEYOND, _BEYOND)
+    reaches = [_FIFTY] * 3 + [(low * limit, high * limit) for low, high in parts]
+    for k, (low, high) in enumerate(reaches):
+        size = np.rint(rng.uniform(low, high, len(columns)) * _EIGHTHS) / _EIGHTHS
+        values[len(values) - 1 - _APART * k, columns] = size * rng.choice((-1.0, 1.0), len(columns))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SampleStates:
+    """The inputs at which functions are evaluated: `shared` ones by name, others drawn by name and size.
+
+    Attributes:
+        count: how many.
+        seed: of the generator.
+        shared: values of shared ports, by name.
+        angles: what lies far out at a few states, where there are enough of them; see `list_angle_inputs`.
+        limit: see `ANGLE_LIMITS`, in rad.
+    """
+
+    count: int
+    seed: int
+    shared: Mapping[str, tuple[float, ...]]
+    angles: InputElements = frozenset()
+    limit: float = ANGLE_LIMITS["double"]
+
+    def find(self, port: Port, near: InputElements = frozenset()) -> FloatArray:
+        """Return the port's values: (count, size), or (size,) of a shared port; `near` ones never far out."""
+        if port.name in self.shared:
+            return np.array(self.shared[port.name], dtype=np.float64)
+        # A generator a name: what a function is given does not depend on which others there are.
+        rng = np.random.default_rng((self.seed, zlib.crc32(port.name.encode()), port.size))
+        reach = _INPUT_RANGES.get(port.name.removesuffix("r"), 1.0)
+        drawn: FloatArray = np.rint(rng.uniform(-reach, reach, (self.count, port.size)) * PER_UNIT) / PER_UNIT
+        if port.shared:
+            first: FloatArray = drawn[0]
+            return first
+        columns = [k for k in range(port.size) if (port.name, port.size, k) in self.angles - near]
+        if columns and self.count >= _FEWEST:
+            _draw_far_angles(rng, drawn, columns, self.limit)
+        return drawn
+
+    def _find_near(self, program: Program) -> InputElements:
+        """Return the elements that stay near: all of a port, if `program` needs one of them to."""
+        _, otherwise = _list_input_uses(program)
+        ports = {element[:2] for element in otherwise & self.angles}
+        return frozenset(element for element in self.angles if element[:2] in ports)
+
+    def find_all(self, program: Program) -> list[FloatArray]:
+        """Return the values of all inputs of `program`."""
+        near = self._find_near(program)
+        return [self.find(port, near) for port in program.spec.inputs]
+
+    def find_tables(self, program: Program) -> tuple[str, ...]:
+        """Return a name of the values of each input; those of the same name are the same values."""
+        near = {element[:2] for element in self._find_near(program)}
+
+        def name(port: Port) -> str:
+            own = f"{port.name}_{port.size}"
+            return port.name if port.shared else f"{own}_near" if (port.name, port.size) in near else own
+
+        return tuple(map(name, program.spec.inputs))
+
+
+def _stack_samples(port: Port, values: FloatArray, count: int) -> ca.DM:
+    """Return samples side by side, as CasADi takes them."""
+    return ca.DM(np.broadcast_to(values, (count, port.size)).T)
+
+
+def _split_samples(port: Port, result: ca.DM, count: int) -> FloatArray:
+    many: FloatArray = np.asarray(result.full()).reshape(result.shape[0], count, -1)
+    return many.transpose(1, 0, 2).reshape(count, port.size)
+
+
+def evaluate_casadi(
+    function: ca.Function, program: Program, inputs: Sequence[FloatArray], count: int
+) -> list[FloatArray]:
+    """Return what CasADi computes per output port, (count, size), row-major.
+
+    Args:
+        function: the function that `program` was made with.
+        program: its ports count.
+        inputs: (count, size) a port, or (size,) of a shared one.
+        count: how many states.
+    """
+    spec = program.spec
+    given = [_stack_samples(port, values, count) for port, values in zip(spec.inputs, inputs, strict=True)]
+    results = function.map(count).call(given)
+    return [_split_samples(port, result, count) for port, result in zip(spec.outputs, results, strict=True)]
+
+
+_ATTEMPTS = 4
+_PROJECTIONS = 30
+_MULTIPLES = (0.0, 4.0, 8.0, 16.0, 64.0)
+_GOOD_CONDITION = 1e2
+_LARGEST_CONDITION = 1e3
+# Where rounding to thousandths has its edges: not at the simple fractions that exact solutions are made of.
+_ROUNDING_EDGE = 0.137
+
+MassEvaluator = Callable[[FloatArray], FloatArray]
+
+
+def _draw_parameters(card: ModelCard, states: SampleStates) -> list[FloatArray]:
+    beta = Port(name=card.vector, shape=(len(card.beta),), unit="", meaning="")
+    return list(SampleStates(count=_ATTEMPTS, seed=states.seed, shared={}).find(beta))
+
+
+def _project_positive_definite(columns: FloatArray, size: int) -> FloatArray:
+    """Return beta of a positive definite mass matrix at every state, as far as there is one."""
+    inverse = np.linalg.pinv(columns, rcond=1e-9)
+    states = columns.shape[0] // size**2
+    beta = inverse @ np.tile(np.eye(size).ravel(), states)
+    for _ in range(_PROJECTIONS):
+        values, vectors = np.linalg.eigh((columns @ beta).reshape(states, size, size))
+        raised = (vectors * np.maximum(values, 1.0)[:, None, :]) @ vectors.transpose(0, 2, 1)
+        beta = inverse @ raised.ravel()
+    return np.asarray(beta, dtype=np.float64)
+
+
+def _compute_condition(matrices: FloatArray) -> float:
+    return float(np.linalg.cond(matrices).max()) if np.isfinite(matrices).all() else np.inf
+
+
+def _add_inertia(card: ModelCard, evaluate: MassEvaluator, draws: Sequence[FloatArray]) -> list[FloatArray]:
+    """Return every draw with as much inertia added as it takes."""
+    size, count = card.size, len(card.beta)
+    columns = np.stack([evaluate(unit).ravel() for unit in np.eye(count)], axis=1)
+    inertia = _project_positive_definite(columns, size)
+
+    def strengthen(draw: FloatArray) -> FloatArray:
+        for multiple in _MULTIPLES:
+            beta: FloatArray = (
+                np.floor((draw + multiple * inertia) * PER_UNIT + _ROUNDING_EDGE) / PER_UNIT + 0.0
+            )
+            if _compute_condition((columns @ beta).reshape(-1, size, size)) < _GOOD_CONDITION:
+                break
+        return beta
+
+    return [strengthen(draw) for draw in draws]
+
+
+def _takes_parameters(program: Program, card: ModelCard) -> bool:
+    """Return whether this is the mass matrix, of parameters that are no constants."""
+    return program.spec.name == "mass_matrix" and card.vector in {port.name for port in program.spec.inputs}
+
+
+def choose_parameters(
+    card: ModelCard, functions: Sequence[ca.Function], programs: Sequence[Program], states: SampleStates
+) -> list[tuple[float, ...]]:
+    """Return values of beta to try: those of the robot file if they are fit, then others.
+
+    Args:
+        card: the model.
+        functions: of CasADi.
+        programs: of the same functions; without `mass_matrix`, beta is random.
+        states: at which the mass matrix counts.
+    """
+    stated = [parameter.value for parameter in card.beta]
+    known = [np.array([value for value in stated if value is not None])]
+    given = known if len(known[0]) == len(stated) and np.isfinite(known[0]).all() else []
+    draws = _draw_parameters(card, states)
+    found = [k for k, program in enumerate(programs) if _takes_parameters(program, card)]
+    if found and stated:
+        function, program = functions[found[0]], programs[found[0]]
+
+        def evaluate(beta: FloatArray) -> FloatArray:
+            at = replace(states, shared={card.vector: tuple(beta.tolist())})
+            (matrices,) = evaluate_casadi(function, program, at.find_all(program), states.count)
+            return matrices.reshape(-1, card.size, card.size)
+
+        given = [beta for beta in given if _compute_condition(evaluate(beta)) < _LARGEST_CONDITION]
+        draws = _add_inertia(card, evaluate, draws)
+    return [tuple(beta.tolist()) for beta in (*given, *draws)]
+
+
+def estimate_amplification(function: ca.Function, program: Program, states: SampleStates) -> float:
+    """Return by how much more than a well conditioned function `program` may amplify errors of rounding.
+
+    One, but for the forward dynamics where there was no mass matrix to choose parameters by: the condition of
+    the inverse mass matrix, its columns the differences of accelerations under unit torques, in units of that
+    which is good, as a power of two.
+    """
+    ports = [port.name for port in program.spec.inputs]
+    if program.spec.name != "forward_dynamics" or "tau" not in ports:
+        return 1.0
+    inputs, place = states.find_all(program), ports.index("tau")
+    at_rest, *pushed = (
+        evaluate_casadi(function, program, [*inputs[:place], tau, *inputs[place + 1 :]], states.count)[0]
+        for tau in (np.zeros(inputs[place].shape[1]), *np.eye(inputs[place].shape[1]))
+    )
+    condition = _compute_condition(np.stack([values - at_rest for values in pushed], axis=2))
+    return (
+        float(2.0 ** max(0, int(np.ceil(np.log2(condition / _GOOD_CONDITION)))))
+        if np.isfinite(condition)
+        else 1.0
+    )
+
+
+# Errors are measured by the largest value of an output; one below NEGLIGIBLE is zero but for rounding, and
+# FLOOR stands in for its size.
+NEGLIGIBLE = 1e-12
+FLOOR = 0.01
+WHOLE = 2
+"""At how many states every element is given."""
+WEIGHTS = ((97, 31), (101, 37))
+"""Modulus m and step s of a sum: element i weighs m + (s i mod m), between m and 2 m.
+
+No two of 97 x 101 elements weigh the same in both sums, so that two that changed places show; divided by
+m, an error of one element shows with its full size at least.
+"""
+ReferenceRows = Sequence[Sequence[float]]
+"""A row a state."""
+
+_AGREEMENT = 1e-8
+# In place of stiffnesses that the robot file does not know: k0, and those of stops.
+_STIFFNESSES = {True: 100.0, False: 20.0}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reference:
+    """Inputs and outputs of one function, by port.
+
+    Attributes:
+        tables: names of the inputs; equal ones have equal values, in whichever function.
+        inputs: a row a state; a shared input has one row.
+        whole: every element, a row for each of the first states.
+        sums: the sums of `WEIGHTS`, a row a state.
+        scales: the largest element at any state, `FLOOR` for one that is zero but for rounding; times the
+            amplification of the forward dynamics.
+    """
+
+    tables: tuple[str, ...]
+    inputs: tuple[tuple[tuple[float, ...], ...], ...]
+    whole: tuple[tuple[tuple[float, ...], ...], ...]
+    sums: tuple[tuple[tuple[float, ...], ...], ...]
+    scales: tuple[float, ...]
+
+
+def _choose_spring_values(card: ModelCard) -> dict[str, tuple[float, ...]]:
+    """Return h: random numbers would be no springs, and have no inverse."""
+    if not card.springs:
+        return {}
+    values = (
+        _STIFFNESSES[parameter.name.startswith("k0")] if parameter.value is None else parameter.value
+        for parameter in card.springs
+    )
+    return {"h": tuple(values)}
+
+
+def _compute_scales(values: FloatArray) -> FloatArray:
+    """Return the largest element in each row, `FLOOR` where it is zero but for rounding."""
+    largest = np.abs(values).max(axis=1, initial=0.0)
+    scales: FloatArray = np.where(largest < NEGLIGIBLE, FLOOR, largest)
+    return scales
+
+
+def _check_agreement(program: Program, exact: Sequence[FloatArray], theirs: Sequence[FloatArray]) -> None:
+    for port, mine, other in zip(program.spec.outputs, exact, theirs, strict=True):
+        # What is not finite there fails the comparison.
+        with np.errstate(invalid="ignore"):
+            errors = np.abs(mine - other).max(axis=1, initial=0.0) / _compute_scales(mine)
+        error = float(np.max(errors, initial=0.0))
+        if not error <= _AGREEMENT:
+            text = (
+                f"function {program.spec.name!r}, output {port.name!r}: the program and CasADi differ by "
+                f"{error:.1e} of the largest element, allowed is {_AGREEMENT:.0e}"
+            )
+            raise GenerationError(Notice(code="codegen.disagrees", text=text))
+
+
+def _convert_to_decimals(values: FloatArray) -> DecimalArray:
+    exact = np.empty(values.shape, dtype=object)
+    exact[...] = np.vectorize(Decimal, otypes=[object])(values) if values.size else exact
+    return exact
+
+
+def _convert_to_rows(values: FloatArray) -> tuple[tuple[float, ...], ...]:
+    # Adding zero turns a negative zero into zero.
+    return tuple(tuple(row) for row in (np.atleast_2d(values) + 0.0).tolist())
+
+
+def _sum_weighted(exact: DecimalArray) -> FloatArray:
+    """Return the weighted sums of every row, (states, sums), rounded once."""
+    places = np.arange(exact.shape[1])
+    weights = [[int(w) for w in modulus + step * places % modulus] for modulus, step in WEIGHTS]
+    with localcontext(Context(prec=DIGITS)):
+        sums = [exact @ np.array(row, dtype=object) for row in weights]
+    return np.array(sums, dtype=np.float64).T
+
+
+def _build_reference(function: ca.Function, program: Program, states: SampleStates) -> Reference:
+    inputs = states.find_all(program)
+    exact = compute_exact_outputs(program, [_convert_to_decimals(values) for values in inputs], states.count)
+    outputs = [values.astype(np.float64) for values in exact]
+    if not all(np.isfinite(values).all() for values in outputs):
+        raise build_no_value_error(program, "an output is not finite")
+    amplification = estimate_amplification(function, program, states)
+    _check_agreement(program, outputs, evaluate_casadi(function, program, inputs, states.count))
+    return Reference(
+        tables=states.find_tables(program),
+        inputs=tuple(map(_convert_to_rows, inputs)),
+        whole=tuple(_convert_to_rows(values[:WHOLE]) for values in outputs),
+        sums=tuple(_convert_to_rows(_sum_weighted(values)) for values in exact),
+        scales=tuple(amplification * float(_compute_scales(values.reshape(1, -1))[0]) for values in outputs),
+    )
+
+
+def build_references(
+    card: ModelCard, functions: Sequence[ca.Function], programs: Sequence[Program], options: GenerateOptions
+) -> tuple[Reference, ...]:
+    """Return inputs and outputs of every function at random states.
+
+    Raises:
+        GenerationError: a program does not compute what CasADi computes, or has no value anywhere.
+    """
+    failures = []
+    angles, limit = list_angle_inputs(programs), ANGLE_LIMITS[options.precision]
+    drawn = SampleStates(count=options.states, seed=options.seed, shared={}, angles=angles, limit=limit)
+    for beta in choose_parameters(card, functions, programs, drawn):
+        shared = {card.vector: beta, **_choose_spring_values(card)}
+        states = replace(drawn, shared=shared)
+        try:
+            pairs = zip(functions, programs, strict=True)
+            return tuple(_build_reference(function, program, states) for function, program in pairs)
+        except GenerationError as error:
+            failures.append(error)
+    raise failures[-1]

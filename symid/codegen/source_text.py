@@ -1,0 +1,135 @@
+"""What the text of generated sources is made with: options, names made fit for code, templates.
+
+A template is filled with a frozen dataclass of strings, numbers and tuples whose fields equal the
+template's variables. Names that a robot file states become identifiers, file names, comments and prose:
+text that ends no comment, no string and no line.
+
+Supported: loops and joins in templates. Not supported: logic in templates; an undefined name is an error.
+"""
+
+import re
+from dataclasses import dataclass, fields, is_dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from symid.environment import locate_resource_folder
+from symid.errors import GenerationError, Notice, UsageError
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+BACKENDS = ("auto", "c", "python", "casadi")
+"""What can compute a robot's functions; "auto" is C, or NumPy where there is no compiler."""
+
+_PRECISIONS = ("double", "float")
+_TRIGONOMETRIES = ("own", "library")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GenerateOptions:
+    """Choices for generated code.
+
+    Args:
+        precision: "double" or "float", the type of every number in the C library.
+        trigonometry: "own" for sines and cosines of all angles at once, in the generated C itself;
+            "library" for calls of the C library's.
+        states: how many random states the self-test evaluates.
+        seed: of the generator that draws them.
+        friction_laws: whether the C library holds all static friction laws besides.
+
+    Raises:
+        UsageError: a value that is not offered.
+    """
+
+    precision: str = "double"
+    trigonometry: str = "own"
+    states: int = 100
+    seed: int = 1
+    friction_laws: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        if self.precision not in _PRECISIONS:
+            text = f"precision: expected one of {', '.join(_PRECISIONS)}, got {self.precision!r}"
+            raise UsageError(Notice(code="usage.precision", text=text))
+        if self.trigonometry not in _TRIGONOMETRIES:
+            text = f"trigonometry: expected one of {', '.join(_TRIGONOMETRIES)}, got {self.trigonometry!r}"
+            raise UsageError(Notice(code="usage.trigonometry", text=text))
+        if self.states < 1:
+            text = f"states: expected at least one, got {self.states}"
+            raise UsageError(Notice(code="usage.states", text=text))
+
+
+# In this order: a backslash becomes what could close a comment. `??` starts a trigraph, `$` and `@`
+# start a substitution in pkg-config and CMake files, a backquote ends code in Markdown.
+_REPLACED_TEXT = (
+    ("\\", "/"),
+    ("*/", "* /"),
+    ("/*", "/ *"),
+    ('"', "'"),
+    ("`", "'"),
+    ("??", "? ?"),
+    ("$", "S"),
+    ("@", "a"),
+)
+
+
+def build_library_prefix(robot: str) -> str:
+    """Return the name of a robot's library: `symid_` and the robot's name as an identifier."""
+    return "symid_" + re.sub(r"\W", "_", robot, flags=re.ASCII).lower()
+
+
+def clean_text(text: str) -> str:
+    """Return `text` on one line, free of what would end or open a comment, a string or a substitution."""
+    flat = "".join(letter if letter.isprintable() else "?" for letter in " ".join(text.split()))
+    for found, replacement in _REPLACED_TEXT:
+        flat = flat.replace(found, replacement)
+    return flat
+
+
+@cache
+def _get_environment() -> "Environment":
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    return Environment(
+        loader=FileSystemLoader(locate_resource_folder("templates")),
+        undefined=StrictUndefined,
+        autoescape=False,  # noqa: S701  C and Python, no HTML
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+
+
+@cache
+def _list_variables(name: str) -> frozenset[str]:
+    from jinja2 import meta
+
+    environment = _get_environment()
+    source, _, _ = environment.loader.get_source(environment, name)  # type: ignore[union-attr]  # set above
+    return frozenset(meta.find_undeclared_variables(environment.parse(source)))
+
+
+def write_template(name: str, context: object) -> str:
+    """Return the template `name`, for example "c/header.h.jinja", filled with `context`.
+
+    Raises:
+        GenerationError: the context's fields and the template's variables are not the same.
+    """
+    if not is_dataclass(context) or isinstance(context, type):
+        message = f"expected a dataclass instance, got {context!r}"
+        raise TypeError(message)
+    values: dict[str, Any] = {field.name: getattr(context, field.name) for field in fields(context)}
+    wanted = _list_variables(name)
+    if wanted != values.keys():
+        missing, unused = sorted(wanted - values.keys()), sorted(values.keys() - wanted)
+        text = f"template {name}: its context lacks {missing} and has {unused} that it does not use"
+        raise GenerationError(Notice(code="codegen.template-context", text=text))
+    return _get_environment().get_template(name).render(values)
+
+
+def read_template_bytes(*folders: str) -> tuple[tuple[str, bytes], ...]:
+    """Return name and bytes of every template in `folders`, sorted by name."""
+    root = locate_resource_folder("templates")
+    paths = sorted(path for folder in folders for path in (root / folder).glob("*.jinja"))
+    return tuple((path.relative_to(root).as_posix(), path.read_bytes()) for path in paths)

@@ -1,1 +1,0 @@
-"""Measurements: recordings, units, checks and filters."""

@@ -1,0 +1,209 @@
+"""The scalar algebra that the recursion is written over, with vectors, matrices and the state on top.
+
+Numbers of one carrier (exact polynomials, code expressions, floats) -> `Algebra`, the few operations that
+dynamics needs; `RobotState`, the coordinates; vectors (x, y, z) and matrices as tuples of scalars.
+
+A carrier supplies add, sub, mul, neg, half and constants, and handles signs, zeros and ones itself, so that
+the recursion need not know them. `FloatAlgebra` takes arrays of any shape, many states at once, for checks.
+"""
+
+import operator
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import Generic, Protocol, TypeVar
+
+import numpy as np
+
+from symid.arrays import FloatArray
+from symid.robot import Exact, Robot
+
+T = TypeVar("T")
+
+
+class Algebra(Protocol[T]):
+    """The operations of a carrier of scalars."""
+
+    @property
+    def zero(self) -> T:
+        """Return the number zero."""
+
+    @property
+    def one(self) -> T:
+        """Return the number one."""
+
+    def constant(self, value: Exact) -> T:
+        """Return an exact number, or a symbolic length, in this carrier."""
+
+    def add(self, left: T, right: T) -> T:
+        """Return left + right."""
+
+    def sub(self, left: T, right: T) -> T:
+        """Return left - right."""
+
+    def mul(self, left: T, right: T) -> T:
+        """Return left * right in normal form."""
+
+    def neg(self, value: T) -> T:
+        """Return -value."""
+
+    def half(self, value: T) -> T:
+        """Return value / 2."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotState(Generic[T]):
+    """The state of a robot in one carrier, one entry a joint, those that follow another included.
+
+    Args:
+        sine, cosine: of the joint angle; not used at prismatic joints.
+        position: joint coordinate; at revolute joints used by springs only.
+        velocity: dq; acceleration: ddq.
+    """
+
+    sine: tuple[T, ...]
+    cosine: tuple[T, ...]
+    position: tuple[T, ...]
+    velocity: tuple[T, ...]
+    acceleration: tuple[T, ...]
+
+
+class OperatorAlgebra(Generic[T]):
+    """The operations of a carrier whose numbers have the usual operators."""
+
+    def add(self, left: T, right: T) -> T:
+        """Return left + right."""
+        result: T = operator.add(left, right)
+        return result
+
+    def sub(self, left: T, right: T) -> T:
+        """Return left - right."""
+        result: T = operator.sub(left, right)
+        return result
+
+    def mul(self, left: T, right: T) -> T:
+        """Return left * right."""
+        result: T = operator.mul(left, right)
+        return result
+
+    def neg(self, value: T) -> T:
+        """Return -value."""
+        result: T = operator.neg(value)  # type: ignore[arg-type]  # T has operators here
+        return result
+
+
+def spread_coordinates(robot: Robot, algebra: Algebra[T], values: Sequence[T]) -> tuple[T, ...]:
+    """Return the value of every joint, and then every coupling, from those of the coordinates.
+
+    Args:
+        robot: the robot.
+        algebra: the carrier.
+        values: positions, velocities or accelerations of the coordinates.
+    """
+    result = []
+    for row in robot.transmission:
+        total = algebra.zero
+        for position, factor in row:
+            share = values[position]
+            if factor != Fraction(1):
+                share = algebra.mul(algebra.constant(Exact.of(factor)), share)
+            total = algebra.add(total, share)
+        result.append(total)
+    return tuple(result)
+
+
+Vector = tuple[T, T, T]
+Matrix = tuple[tuple[T, T, T], tuple[T, T, T], tuple[T, T, T]]
+
+
+def sum_values(algebra: Algebra[T], values: Sequence[T]) -> T:
+    """Return the sum of `values`, from left to right."""
+    result = algebra.zero
+    for value in values:
+        result = algebra.add(result, value)
+    return result
+
+
+def add_vectors(algebra: Algebra[T], left: Vector[T], right: Vector[T]) -> Vector[T]:
+    """Return left + right."""
+    return (algebra.add(left[0], right[0]), algebra.add(left[1], right[1]), algebra.add(left[2], right[2]))
+
+
+def subtract_vectors(algebra: Algebra[T], left: Vector[T], right: Vector[T]) -> Vector[T]:
+    """Return left - right."""
+    return (algebra.sub(left[0], right[0]), algebra.sub(left[1], right[1]), algebra.sub(left[2], right[2]))
+
+
+def scale_vector(algebra: Algebra[T], factor: T, vector: Vector[T]) -> Vector[T]:
+    """Return factor * vector."""
+    return (algebra.mul(factor, vector[0]), algebra.mul(factor, vector[1]), algebra.mul(factor, vector[2]))
+
+
+def dot(algebra: Algebra[T], left: Vector[T], right: Vector[T]) -> T:
+    """Return the scalar product."""
+    return sum_values(algebra, [algebra.mul(a, b) for a, b in zip(left, right, strict=True)])
+
+
+def cross(algebra: Algebra[T], left: Vector[T], right: Vector[T]) -> Vector[T]:
+    """Return left x right."""
+    a, b = left, right
+    mul, minus = algebra.mul, algebra.sub
+    return (
+        minus(mul(a[1], b[2]), mul(a[2], b[1])),
+        minus(mul(a[2], b[0]), mul(a[0], b[2])),
+        minus(mul(a[0], b[1]), mul(a[1], b[0])),
+    )
+
+
+def transpose(matrix: Matrix[T]) -> Matrix[T]:
+    """Return the transposed matrix."""
+    a, b, c = matrix
+    return ((a[0], b[0], c[0]), (a[1], b[1], c[1]), (a[2], b[2], c[2]))
+
+
+def apply_matrix(algebra: Algebra[T], matrix: Matrix[T], vector: Vector[T]) -> Vector[T]:
+    """Return matrix * vector."""
+    x, y, z = (dot(algebra, row, vector) for row in matrix)
+    return (x, y, z)
+
+
+def multiply_matrices(algebra: Algebra[T], left: Matrix[T], right: Matrix[T]) -> Matrix[T]:
+    """Return left * right."""
+    columns = [apply_matrix(algebra, left, column) for column in transpose(right)]
+    return transpose((columns[0], columns[1], columns[2]))
+
+
+@dataclass(frozen=True, slots=True)
+class FloatAlgebra(OperatorAlgebra[FloatArray]):
+    """Arrays of doubles; `symbols` holds the values of symbolic lengths in m."""
+
+    symbols: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def zero(self) -> FloatArray:
+        """Return zero."""
+        return np.float64(0.0)  # type: ignore[return-value]  # a scalar broadcasts like an array
+
+    @property
+    def one(self) -> FloatArray:
+        """Return one."""
+        return np.float64(1.0)  # type: ignore[return-value]  # a scalar broadcasts like an array
+
+    def constant(self, value: Exact) -> FloatArray:
+        """Return the double nearest to `value`."""
+        return np.float64(value.to_float(self.symbols))  # type: ignore[return-value]  # as above
+
+    def half(self, value: FloatArray) -> FloatArray:
+        """Return value / 2."""
+        return 0.5 * value
+
+
+def build_float_state(q: FloatArray, dq: FloatArray, ddq: FloatArray) -> RobotState[FloatArray]:
+    """Return the coordinates from arrays (n, ...) in rad or m and their derivatives."""
+    return RobotState(
+        sine=tuple(np.sin(q)),
+        cosine=tuple(np.cos(q)),
+        position=tuple(q),
+        velocity=tuple(dq),
+        acceleration=tuple(ddq),
+    )

@@ -1,0 +1,336 @@
+"""The exact base parameters: which combinations of parameters a motion can show, why, and their values.
+
+Robot -> `BaseParameters`: the grouping beta = K pi, its representatives, and for every eliminated parameter
+what became of it. `observable_subspace` makes the rows, `explanations` names them.
+Robot, base parameters -> {name: value} for every base parameter all of whose members the robot file states,
+and the same as formulas in the symbols of the file.
+
+Supported: trees; rotors, coupled drives and springs where the robot declares them; joints that follow
+others; friction, whose offsets can coincide with a weight; symbolic lengths (generic values: no pivot
+vanishes); numbers beside symbols.
+Not supported: formulas of links that a fixed joint made heavier; their numbers stand for them.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+from sympy import QQ, Expr, Integer, Rational, Symbol, sqrt
+from sympy.polys.domains.domain import Domain
+
+from symid.dynamics.bodies import DRIVE_PARAMETERS, list_drive_parameters
+from symid.dynamics.exact_algebra import Row, convert_number, reduce_rows
+from symid.dynamics.explanations import (
+    Label,
+    explain_elimination,
+    explain_grouping,
+    write_combination,
+    write_label,
+)
+from symid.dynamics.observable_subspace import ObservableSubspace, derive_observable_subspace
+from symid.joint_models import FRICTION_MODELS, list_friction_parameters
+from symid.notation import INERTIAL
+from symid.robot import Exact, FrictionValues, Placement, Robot, SymbolicInertia
+
+BASE_FORMS = ("torque", "energy", "momentum", "gravity")
+_INERTIAL = (*INERTIAL, *DRIVE_PARAMETERS)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BaseParameter:
+    """A base parameter: its representative `label` and its group, `terms`, with exact coefficients."""
+
+    name: str
+    label: Label
+    terms: tuple[tuple[Label, Expr], ...]
+    expression: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EliminatedParameter:
+    """A parameter that is not its own representative: no effect, or grouped into others."""
+
+    name: str
+    label: Label
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BaseParameters:
+    """The base set of a robot.
+
+    `parameters` are the inertial ones (drives included), `friction` those of the friction models, in the
+    order of the vectors beta and f; `labels` the columns of K, all parameters in their canonical order.
+    `vector` is the letter of the inertial ones: beta, or pi where every standard parameter stands for itself.
+    """
+
+    robot: str
+    labels: tuple[Label, ...]
+    parameters: tuple[BaseParameter, ...]
+    friction: tuple[BaseParameter, ...]
+    eliminated: tuple[EliminatedParameter, ...]
+    vector: str = "beta"
+
+    @property
+    def count(self) -> int:
+        """Return the number of base inertial parameters."""
+        return len(self.parameters)
+
+    @property
+    def null_space(self) -> tuple[tuple[tuple[Label, Expr], ...], ...]:
+        """Return the changes of parameters that nothing shows, one for each eliminated parameter.
+
+        A unit of the eliminated parameter, and what the representatives of its groups give up for it.
+        """
+        heads: dict[Label, list[tuple[Label, Expr]]] = {entry.label: [] for entry in self.eliminated}
+        for parameter in (*self.parameters, *self.friction):
+            for label, coefficient in parameter.terms[1:]:
+                heads[label].append((parameter.label, -coefficient))
+        return tuple(((label, Integer(1)), *others) for label, others in heads.items())
+
+    @property
+    def keys(self) -> tuple[Label, ...]:
+        """Return the representatives of beta, in order."""
+        return tuple(parameter.label for parameter in self.parameters)
+
+
+def _label_parameters(robot: Robot) -> tuple[Label, ...]:
+    """Return all parameters in canonical order: links from the base, then couplings, then friction."""
+    drives = list_drive_parameters(robot)
+    labels: list[Label] = []
+    for index in range(robot.size):
+        labels += [(index, name) for name in INERTIAL]
+        labels += [label for label in drives if label[0] == index]
+    labels += [label for label in drives if label[0] >= robot.size]
+    return (*labels, *list_friction_parameters(robot))
+
+
+def _write_parameters(
+    rows: Sequence[Row], labels: Sequence[Label], robot: Robot, shown: ObservableSubspace
+) -> Iterator[BaseParameter]:
+    for row in rows:
+        terms = tuple((labels[column], shown.field.to_sympy(value)) for column, value in sorted(row.items()))
+        label = terms[0][0]
+        named = [(write_label(robot, other), value) for other, value in terms]
+        yield BaseParameter(
+            name=write_label(robot, label, grouped=len(terms) > 1),
+            label=label,
+            terms=terms,
+            expression=write_combination(named),
+            reason=explain_grouping(
+                robot, label, [other for other, _ in terms[1:]], _list_angular_components(shown, label)
+            ),
+        )
+
+
+def _list_angular_components(shown: ObservableSubspace, label: Label) -> tuple[tuple[int, ...], ...]:
+    """Return which components of the angular velocity each attainable velocity of the link holds."""
+    if label[0] >= len(shown.visible):
+        return ()
+    rows = shown.visible[label[0]].velocities
+    return tuple(tuple(sorted(column for column in row if column < 3)) for row in rows)
+
+
+def _write_eliminated(
+    labels: Sequence[Label],
+    parameters: Sequence[BaseParameter],
+    robot: Robot,
+    shown: ObservableSubspace,
+    form: str,
+) -> Iterator[EliminatedParameter]:
+    kept = {parameter.label for parameter in parameters}
+    groups: Mapping[Label, list[tuple[str, Label]]] = {label: [] for label in labels}
+    for parameter in parameters:
+        for label, _ in parameter.terms:
+            groups[label].append((parameter.name, parameter.label))
+    for label in labels:
+        if label not in kept:
+            reason = explain_elimination(
+                robot, label, groups[label], _list_angular_components(shown, label), form
+            )
+            yield EliminatedParameter(name=write_label(robot, label), label=label, reason=reason)
+
+
+def build_standard_parameters(robot: Robot) -> BaseParameters:
+    """Return all parameters, each for itself: K is the unit matrix, and some of them show nowhere."""
+    entries = [
+        BaseParameter(
+            name=write_label(robot, label),
+            label=label,
+            terms=((label, Integer(1)),),
+            expression=write_label(robot, label),
+            reason="standard parameter, on its own",
+        )
+        for label in _label_parameters(robot)
+    ]
+    return BaseParameters(
+        robot=robot.name,
+        labels=_label_parameters(robot),
+        parameters=tuple(entry for entry in entries if entry.label[1] in _INERTIAL),
+        friction=tuple(entry for entry in entries if entry.label[1] not in _INERTIAL),
+        eliminated=(),
+        vector="pi",
+    )
+
+
+def derive_base_parameters(robot: Robot, *, form: str = "torque") -> BaseParameters:
+    """Return the exact base parameters of `robot`.
+
+    The representatives are the first ones in canonical order, links from the base and XX XY XZ YY YZ
+    ZZ MX MY MZ M IA KS KR within a link; this reproduces Khalil's convention (YY, MZ and M of a revolute
+    link are grouped into it and into the link before).
+
+    Args:
+        robot: the robot.
+        form: "torque": all that joint torques show; "energy": what kinetic and potential energy show, up to
+            a constant (the same without friction); "momentum": what the momentum dT/ddq shows, "gravity" what
+            torques at rest show, springs included, friction apart.
+
+    Raises:
+        ValueError: there is no such form.
+        RobotError: three joints share a coordinate, next to symbolic lengths and angles with roots.
+    """
+    if form not in BASE_FORMS:
+        message = f"there is no form {form!r}; allowed are {', '.join(BASE_FORMS)}"
+        raise ValueError(message)
+    friction = form == "torque"
+    labels = tuple(label for label in _label_parameters(robot) if friction or label[1] in _INERTIAL)
+    column = {label: index for index, label in enumerate(labels)}
+    shown = derive_observable_subspace(robot, form)
+    known = ({column[label]: value for label, value in row.items() if label in column} for row in shown.rows)
+    reduced = reduce_rows(known).rows
+    written = tuple(_write_parameters(reduced, labels, robot, shown))
+    return BaseParameters(
+        robot=robot.name,
+        labels=labels,
+        parameters=tuple(p for p in written if p.label[1] in _INERTIAL),
+        friction=tuple(p for p in written if p.label[1] not in _INERTIAL),
+        eliminated=tuple(_write_eliminated(labels, written, robot, shown, form)),
+    )
+
+
+def _list_friction(index: int, friction: FrictionValues) -> dict[Label, float]:
+    if friction.values is None:
+        return {}
+    names = FRICTION_MODELS[friction.kind].parameters
+    return {(index, name): value for name, value in zip(names, friction.values, strict=True)}
+
+
+def _list_known(robot: Robot) -> dict[Label, float]:
+    """Return every parameter whose value the file states."""
+    known: dict[Label, float] = {}
+    for index, joint in enumerate(robot.joints):
+        if joint.inertial is not None:
+            known |= {(index, name): value for name, value in zip(INERTIAL, joint.inertial, strict=True)}
+        if joint.drive.rotor_inertia is not None:
+            known[index, "IA"] = joint.drive.rotor_inertia
+        if joint.spring is not None and joint.spring.stiffness is not None:
+            known[index, "KS"] = joint.spring.stiffness
+            if joint.spring.rest is not None:
+                known[index, "KR"] = -joint.spring.stiffness * joint.spring.rest
+        known |= _list_friction(index, joint.friction)
+    for number, coupling in enumerate(robot.couplings):
+        index = robot.size + number
+        if coupling.rotor_inertia is not None:
+            known[index, "IA"] = coupling.rotor_inertia
+        known |= _list_friction(index, coupling.friction)
+    return known
+
+
+def compute_parameter_values(robot: Robot, base: BaseParameters) -> dict[str, float]:
+    """Return beta = K pi for every base parameter whose members are all known, in SI units."""
+    known = _list_known(robot)
+    symbols = {Symbol(name): value for name, value in robot.symbols}
+    result: dict[str, float] = {}
+    for parameter in (*base.parameters, *base.friction):
+        if all(label in known for label, _ in parameter.terms):
+            result[parameter.name] = sum(
+                float(coefficient.subs(symbols)) * known[label] for label, coefficient in parameter.terms
+            )
+    return result
+
+
+def derive_parameter_formulas(robot: Robot, base: BaseParameters) -> dict[str, Expr]:
+    """Return beta = K pi as formulas in the file's symbols, for every base parameter that has one.
+
+    A base parameter has one where all its members are known and a symbol takes part: ZZR1 of the textbook
+    arm is I1 + m1*lc1^2 + m2*L1^2. Numbers stand with 15 digits.
+    """
+    if not robot.symbols:
+        return {}
+    numbers, field = _build_formula_field(robot)
+    known = {label: field.convert(_to_rational(value)) for label, value in _list_known(robot).items()}
+    for index, joint in enumerate(robot.joints):
+        if joint.form is not None:
+            entries = _transform_form(joint.form, joint.frame, numbers, field)
+            known |= {(index, name): value for name, value in zip(INERTIAL, entries, strict=True)}
+    forms: dict[str, Expr] = {}
+    for parameter in (*base.parameters, *base.friction):
+        if all(label in known for label, _ in parameter.terms):
+            terms = (field.from_sympy(factor) * known[label] for label, factor in parameter.terms)
+            total = sum(terms, field.zero)
+            if not _is_number(total):
+                forms[parameter.name] = field.to_sympy(total)
+    return forms
+
+
+def _is_number(value: Any) -> bool:  # noqa: ANN401  an element of a SymPy domain has no type of its own
+    return bool(value.numer.is_ground and value.denom.is_ground)
+
+
+def _to_rational(value: float) -> Rational:
+    # Sums and products of the file's decimals, without their rounding.
+    exact = Fraction(f"{value:.15g}")
+    return QQ(exact.numerator, exact.denominator)
+
+
+def _build_formula_field(robot: Robot) -> tuple[Domain, Domain]:
+    """Return the numbers that the robot's forms need, and the rational functions of its symbols over them."""
+    used = [any(surd[k] for value in _list_exact(robot) for _, surd in value.terms) for k in range(4)]
+    roots = [sqrt(root) for root, needed in ((2, used[1] or used[3]), (3, used[2] or used[3])) if needed]
+    numbers: Domain = QQ.algebraic_field(*roots) if roots else QQ
+    return numbers, numbers.frac_field(*(Symbol(name) for name, _ in robot.symbols))
+
+
+def _list_exact(robot: Robot) -> Iterable[Exact]:
+    for joint in robot.joints:
+        for placement in (joint.placement, joint.frame):
+            yield from placement.translation
+            for row in placement.rotation:
+                yield from row
+        if joint.form is not None:
+            yield joint.form.mass
+            yield from joint.form.com
+            yield from joint.form.inertia
+
+
+def _transform_form(
+    form: SymbolicInertia, frame: Placement, numbers: Domain, field: Domain
+) -> tuple[Any, ...]:
+    """Return the ten standard parameters about the link frame's origin, in the order of the notation.
+
+    With R, p the frame of the form: c = R c' + p, s = m c, I = R I' R^T + m (c.c 1 - c c^T).
+    """
+
+    def convert(value: Exact) -> Any:  # noqa: ANN401  an element of `field`
+        return convert_number(value, numbers, field)
+
+    rotation = [[convert(entry) for entry in row] for row in frame.rotation]
+    given = [convert(entry) for entry in form.com]
+    xx, xy, xz, yy, yz, zz = (convert(entry) for entry in form.inertia)
+    central = ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
+    mass = convert(form.mass)
+    axes = range(3)
+    com = [sum((rotation[i][k] * given[k] for k in axes), convert(frame.translation[i])) for i in axes]
+    square = sum((entry * entry for entry in com), field.zero)
+
+    def find_entry(i: int, j: int) -> Any:  # noqa: ANN401  an element of `field`
+        turned = sum(
+            (rotation[i][k] * central[k][n] * rotation[j][n] for k in axes for n in axes), field.zero
+        )
+        return turned + mass * ((square if i == j else field.zero) - com[i] * com[j])
+
+    tensor = [find_entry(i, j) for i in axes for j in axes if i <= j]
+    return (*tensor, *(mass * entry for entry in com), mass)

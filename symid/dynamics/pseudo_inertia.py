@@ -1,0 +1,128 @@
+"""Pseudo-inertias: matrices that are positive definite if the body can exist; a prior.
+
+Standard parameters (n, 10) -> pseudo-inertias (n, 4, 4), and back. Robot, equations of its base values -> a
+prior, ten standard parameters a link.
+
+The pseudo-inertia of a link is P = [[S, MS], [MS', M]] with the second moments S = tr(I) / 2 - I (Wensing,
+Kim and Slotine 2018); it is positive definite just if the link is a body with a mass density.
+
+Prior: a link that the robot file gives values for is taken at its word. Any other one is a round body: its
+centre of mass lies half-way between its frame and the joints it carries, its radius of gyration is a
+quarter of the distance to the farthest of them (of the mean over all links, or 0.1 m, where it carries
+none), and its mass, the same for all of them, is the one that comes closest to the base values.
+
+Supported: fixed bases, symbolic lengths with a value. Loads NumPy only.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from symid.arrays import FloatArray
+from symid.robot import Robot
+
+_REACH = 0.1
+# Flat and thin bodies lie on the edge of what is possible: there the distance to them is infinite.
+_ROUNDED = 1e-3
+
+
+def _list_forms() -> FloatArray:
+    """Return (10, 4, 4) symmetric V_k with parameter k = tr(V_k P)."""
+    forms = np.zeros((10, 4, 4))
+    for index, (i, j) in enumerate(zip(*np.triu_indices(3), strict=True)):
+        if i == j:
+            forms[index] = np.diag([float(axis not in (i, 3)) for axis in range(4)])
+        else:
+            forms[index][i, j] = forms[index][j, i] = -0.5
+    for axis in range(3):
+        forms[6 + axis][axis, 3] = forms[6 + axis][3, axis] = 0.5
+    forms[9][3, 3] = 1.0
+    return forms
+
+
+PSEUDO_INERTIA_FORMS = _list_forms()
+
+
+def build_pseudo_inertias(parameters: FloatArray) -> FloatArray:
+    """Return the pseudo-inertias (n, 4, 4) of standard parameters (n, 10)."""
+    xx, xy, xz, yy, yz, zz, mx, my, mz, mass = np.asarray(parameters, dtype=np.float64).T
+    half = 0.5 * (xx + yy + zz)
+    rows = [
+        [half - xx, -xy, -xz, mx],
+        [-xy, half - yy, -yz, my],
+        [-xz, -yz, half - zz, mz],
+        [mx, my, mz, mass],
+    ]
+    return np.array(rows, dtype=np.float64).transpose(2, 0, 1)
+
+
+def compute_standard_parameters(pseudo_inertias: FloatArray) -> FloatArray:
+    """Return the standard parameters (n, 10) of pseudo-inertias (n, 4, 4)."""
+    found: FloatArray = np.einsum("kab,nab->nk", PSEUDO_INERTIA_FORMS, pseudo_inertias)
+    return found
+
+
+def _list_spans(robot: Robot) -> list[list[FloatArray]]:
+    """Return, for every link, where the joints stand that it carries."""
+    symbols = dict(robot.symbols)
+    spans: list[list[FloatArray]] = [[] for _ in robot.joints]
+    for joint in robot.joints:
+        if joint.parent >= 0:
+            values = [value.to_float(symbols) for value in joint.placement.translation]
+            spans[joint.parent].append(np.array(values))
+    return spans
+
+
+def _build_round_bodies(robot: Robot) -> FloatArray:
+    """Return the pseudo-inertias (n, 4, 4) of round bodies of unit mass."""
+    spans = _list_spans(robot)
+    lengths = [max((float(np.linalg.norm(point)) for point in points), default=0.0) for points in spans]
+    known = [length for length in lengths if length > 0]
+    usual = sum(known) / len(known) if known else _REACH
+    bodies = []
+    for points, length in zip(spans, lengths, strict=True):
+        centre = 0.5 * np.mean(points, axis=0) if points else np.zeros(3)
+        extended = np.append(centre, 1.0)
+        radius = (length or usual) / 4
+        bodies.append(np.outer(extended, extended) + radius**2 * np.diag([1.0, 1.0, 1.0, 0.0]))
+    return np.array(bodies)
+
+
+def _round_off(stated: FloatArray, body: FloatArray) -> FloatArray | None:
+    """Return a stated pseudo-inertia, made round where it is flat; None where no body has it."""
+    mass = float(stated[3, 3])
+    if mass <= 0:
+        return None
+    inverse = np.linalg.inv(np.linalg.cholesky(mass * body))
+    smallest = float(np.linalg.eigvalsh(inverse @ stated @ inverse.T)[0])
+    if smallest < -_ROUNDED:
+        return None
+    return stated if smallest > _ROUNDED else stated + 2 * _ROUNDED * mass * body
+
+
+def build_prior(robot: Robot, grouping: FloatArray, values: Sequence[float] | FloatArray) -> FloatArray:
+    """Return a consistent set of standard parameters (n, 10) to start from.
+
+    Args:
+        robot: the robot.
+        grouping: (m, 10 n) the equations' coefficients of the links' parameters.
+        values: (m,) the values they must come to.
+    """
+    bodies = _build_round_bodies(robot)
+    stated: list[FloatArray | None] = [
+        None
+        if joint.inertial is None
+        else _round_off(build_pseudo_inertias(np.array([joint.inertial]))[0], body)
+        for joint, body in zip(robot.joints, bodies, strict=True)
+    ]
+    known = np.array([np.zeros((4, 4)) if body is None else body for body in stated])
+    unknown = np.array([body if one is None else 0 * body for body, one in zip(bodies, stated, strict=True)])
+    unit = compute_standard_parameters(unknown).ravel()
+    sizes = np.abs(grouping) @ np.abs(compute_standard_parameters(bodies).ravel())
+    seen = sizes > 0
+    missing = (np.asarray(values) - grouping @ compute_standard_parameters(known).ravel())[seen] / sizes[seen]
+    share = (grouping @ unit)[seen] / sizes[seen]
+    mass = float(share @ missing) / float(share @ share) if np.any(share) else 0.0
+    if mass <= 0:
+        mass = float(np.abs(missing).max(initial=0.0)) or 1.0
+    return compute_standard_parameters(known + mass * unknown)

@@ -1,0 +1,355 @@
+"""Base parameters as others group them: the exact change from our groups to theirs.
+
+Base parameters, groups written as sums of parameters -> `Regrouping`, the matrix T with theirs = T ours,
+exact; `OpenReading`, a term that a group may hold without naming it. Whether it is there, values say.
+
+Our groups are in reduced echelon form: each has a representative that no other group holds. What a group of
+theirs holds of a representative is what it holds of our group; if nothing is left then, both say the same.
+
+A drive of speed w = sum of c_i dq_i brakes joint i by c_i P w, with P its viscous friction, or its inertia
+with accelerations in place of speeds. Joint i itself has P_i dq_i. Of c_i P w the part c_i^2 P dq_i has the
+column of P_i: who gives P the other part alone has P_i + c_i^2 P where P_i is written, and the same
+torques.
+
+Supported: sums with decimal or fractional factors; names as symid writes them (XX1, MX2, IA3, Fv4, offset5,
+IAm6), base parameters by theirs (ZZR1, ZZ1R), and the widespread Ixx1, mx2, m2, Ia3, fv4, fs4, off5, Iam6,
+fvm6, fsm6; open readings of inertia and viscous friction of couplings, for which the algebra above speaks,
+and single parameters of the same kind with factor one or minus one, for which nothing but values can speak.
+Not supported: groups whose factors are symbols; factors that were rounded; open readings of what is no line
+over the speed, as Coulomb friction of a coupling: its column cannot be split.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+from sympy import Expr, Integer, Matrix, Rational, Symbol
+from sympy.polys.matrices import DomainMatrix
+
+from symid.arrays import FloatArray
+from symid.dynamics.base_parameters import BaseParameters, build_standard_parameters
+from symid.dynamics.explanations import Label, write_combination, write_label
+from symid.errors import Notice, UsageError
+from symid.robot import Robot
+
+_ALIASES = {
+    **{f"I{name.lower()}": name for name in ("XX", "XY", "XZ", "YY", "YZ", "ZZ")},
+    "mx": "MX",
+    "my": "MY",
+    "mz": "MZ",
+    "m": "M",
+    "Ia": "IA",
+    "fv": "Fv",
+    "fs": "Fc",
+    "fc": "Fc",
+    "Fs": "Fc",
+    "off": "offset",
+}
+_TERM = re.compile(
+    r"\s*([+-])?\s*(?:(\d+(?:\.\d*)?(?:[eE][+-]?\d{1,3})?(?:/[1-9]\d*)?|\.\d+(?:[eE][+-]?\d{1,3})?)\s*\*\s*)?"
+    r"([A-Za-z]\w*)\s*"
+)
+_HEAD = re.compile(r"([A-Za-z]+?)(m?\d+)R")
+
+_LARGEST = 10**12
+
+_Terms = dict[Label, Expr]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Regrouping:
+    """theirs = T ours: `rows` of T, one a group of theirs, over `names`, our parameters in order.
+
+    `absent` are parameters of ours that take no part in any group of theirs. Both sets span the same space
+    if theirs and `absent` together are as many as ours.
+    """
+
+    names: tuple[str, ...]
+    rows: tuple[tuple[Expr, ...], ...]
+    absent: tuple[str, ...]
+
+    @property
+    def is_complete(self) -> bool:
+        """Return whether theirs and the absent ones together say what ours say."""
+        return len(self.rows) + len(self.absent) == len(self.names)
+
+
+def read_group(text: str, robot: Robot, base: BaseParameters | None = None) -> _Terms:
+    """Return a group such as "Izz1 + Ia1 + 0.07*mz3" as factors of standard parameters.
+
+    Args:
+        text: the sum.
+        robot: whose parameters it names.
+        base: base parameters that it may name as well; none by default.
+
+    Raises:
+        UsageError: the text is no such sum, or a name is no parameter of the robot.
+    """
+    known = _list_names(robot, base)
+    found: _Terms = {}
+    place = 0
+    # Printed tables have the minus of typography.
+    text = text.replace("\N{MINUS SIGN}", "-")
+    while place < len(text) or not text:
+        match = _TERM.match(text, place)
+        if match is None or (place and match[1] is None):
+            raise UsageError(_say_unreadable(text, text[place:]))
+        sign, factor, name = match.groups()
+        terms = _resolve(name, known)
+        if terms is None:
+            raise UsageError(_say_unreadable(text, name))
+        share = Fraction(factor or "1") * (-1 if sign == "-" else 1)
+        if share and not 1 / _LARGEST <= abs(share) <= _LARGEST:
+            message = f"group {text!r}: factor {factor} of {name} is not between 1e-12 and 1e12"
+            raise UsageError(Notice(code="usage.unreadable-group", text=message))
+        for label, value in terms:
+            found[label] = found.get(label, Integer(0)) + _to_exact(share) * value
+        place = match.end()
+    return found
+
+
+def _list_names(robot: Robot, base: BaseParameters | None) -> dict[str, tuple[tuple[Label, Expr], ...]]:
+    names = {entry.name: entry.terms for entry in (*base.parameters, *base.friction)} if base else {}
+    # A name of both kinds is a base parameter that stands for itself: either meaning is the same.
+    standard = build_standard_parameters(robot).labels
+    return names | {write_label(robot, label): ((label, Integer(1)),) for label in standard}
+
+
+def _resolve(
+    name: str, known: Mapping[str, tuple[tuple[Label, Expr], ...]]
+) -> tuple[tuple[Label, Expr], ...] | None:
+    """Return what a name of ours, or a widespread one, stands for; None where there is no such name."""
+    head = _HEAD.fullmatch(name)
+    spellings = (name, f"{head[1]}R{head[2]}") if head else (name,)
+    for spelling in spellings:
+        if spelling in known:
+            return known[spelling]
+        # Longer stems first: "my2" is a moment before it is a mass.
+        for stem in sorted(_ALIASES, key=len, reverse=True):
+            ours = f"{_ALIASES[stem]}{spelling.removeprefix(stem)}"
+            if spelling.startswith(stem) and ours in known:
+                return known[ours]
+    return None
+
+
+def _say_unreadable(text: str, part: str) -> Notice:
+    message = (
+        f"group {text!r}: {part!r} is no parameter of this robot; write a sum such as Izz1 + Ia1 + 0.07*mz3"
+    )
+    return Notice(code="usage.unreadable-group", text=message)
+
+
+def express_group(
+    base: BaseParameters, group: Mapping[Label, Expr | Fraction], name: str
+) -> tuple[Expr, ...]:
+    """Return what a group holds of each of our parameters, exactly; `name` is what messages call it.
+
+    Raises:
+        UsageError: it is no sum of ours; the message says what is left over.
+    """
+    ours = (*base.parameters, *base.friction)
+    row = [_to_exact(group.get(entry.label, Integer(0))) for entry in ours]
+    left: _Terms = {label: _to_exact(factor) for label, factor in group.items()}
+    for share, entry in zip(row, ours, strict=True):
+        for label, factor in entry.terms if share else ():
+            left[label] = left.get(label, Integer(0)) - share * factor
+    rest = {label: value for label in sorted(left) if (value := left[label].expand()) != 0}
+    if rest:
+        raise UsageError(_say_left_over(base, group, rest, name))
+    return tuple(row)
+
+
+def _say_left_over(
+    base: BaseParameters,
+    group: Mapping[Label, Expr | Fraction],
+    rest: Mapping[Label, Expr],
+    name: str,
+) -> Notice:
+    written = _write_labels(base)
+    over = write_combination(
+        [(written.get(label, f"{label[1]}{label[0] + 1}"), value) for label, value in rest.items()]
+    )
+    text = (
+        f"{name} holds a combination of parameters that no motion of {base.robot} shows: {over} is left over"
+    )
+    whole = [
+        f"{entry.name} = {entry.expression}"
+        for entry in (*base.parameters, *base.friction)
+        if entry.label in group and len(entry.terms) > 1
+    ]
+    if whole:
+        text += f" when {'; '.join(whole)} is taken out"
+    text += "; write the whole group, with factors that are not rounded"
+    return Notice(code="usage.other-groups", text=text)
+
+
+def _write_labels(base: BaseParameters) -> dict[Label, str]:
+    """Return the names of all standard parameters."""
+    names = {entry.label: entry.name for entry in base.eliminated}
+    for entry in (*base.parameters, *base.friction):
+        head = f"{entry.label[1]}R" if len(entry.terms) > 1 else entry.label[1]
+        names[entry.label] = f"{entry.label[1]}{entry.name.removeprefix(head)}"
+    return names
+
+
+def derive_regrouping(
+    base: BaseParameters,
+    groups: Sequence[Mapping[Label, Expr | Fraction]],
+    names: Sequence[str] = (),
+) -> Regrouping:
+    """Return the exact matrix from our parameters to those of `groups`, which messages call `names`.
+
+    Raises:
+        UsageError: groups hold what no motion shows (all are told), or say what others say already.
+    """
+    titles = [repr(name) for name in names] or [f"group {number}" for number in range(1, len(groups) + 1)]
+    rows: list[tuple[Expr, ...]] = []
+    notices: list[Notice] = []
+    for title, group in zip(titles, groups, strict=True):
+        try:
+            rows.append(express_group(base, group, title))
+        except UsageError as error:
+            notices += error.notices
+    if notices:
+        raise UsageError(*notices)
+    return build_regrouping(base, rows, titles)
+
+
+def build_regrouping(
+    base: BaseParameters, rows: Sequence[tuple[Expr, ...]], titles: Sequence[str]
+) -> Regrouping:
+    """Return the matrix of `rows`, one a group, each as `express_group` gives it.
+
+    Raises:
+        UsageError: some of them follow from others; the message says which from which.
+    """
+    notices = [
+        Notice(
+            code="usage.other-groups",
+            text=f"the {len(rows)} groups are not independent: {titles[number]} follows from "
+            f"{', '.join(titles[other] for other in sources) or 'nothing'}; leave one of them out",
+        )
+        for number, sources in _list_dependent_rows(rows)
+    ]
+    if notices:
+        raise UsageError(*notices)
+    ours = (*base.parameters, *base.friction)
+    absent = [entry.name for k, entry in enumerate(ours) if not any(row[k] for row in rows)]
+    return Regrouping(names=tuple(entry.name for entry in ours), rows=tuple(rows), absent=tuple(absent))
+
+
+def _list_dependent_rows(rows: Sequence[Sequence[Expr]]) -> tuple[tuple[int, tuple[int, ...]], ...]:
+    """Return the rows that are sums of rows before them, each with the rows that it is a sum of."""
+    if not rows:
+        return ()
+    columns = DomainMatrix.from_Matrix(Matrix(rows).T, extension=True).to_field()
+    reduced, pivots = columns.rref()
+    entries = reduced.to_Matrix()
+    return tuple(
+        (number, tuple(pivot for k, pivot in enumerate(pivots) if entries[k, number] != 0))
+        for number in range(len(rows))
+        if number not in pivots
+    )
+
+
+def evaluate_regrouping(rows: Sequence[Sequence[Expr]], robot: Robot) -> FloatArray:
+    """Return rows of T as numbers, (m, n), with the robot's values of the symbols it writes."""
+    symbols = {Symbol(name): value for name, value in robot.symbols}
+    numbers = [[float(value.subs(symbols)) for value in row] for row in rows]
+    return np.array(numbers, dtype=np.float64).reshape(len(rows), -1 if rows else 0)
+
+
+def _to_exact(value: Expr | Fraction) -> Expr:
+    return Rational(value.numerator, value.denominator) if isinstance(value, Fraction) else value
+
+
+_LINEAR = ("IA", "Fv")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OpenReading:
+    """A term that a group may hold without naming it: `factor` times our parameter number `column`.
+
+    Args:
+        group: number of the group. name: that of our parameter.
+        coupling: the drive whose parameter it is, where the algebra speaks for it; else empty.
+    """
+
+    group: int
+    column: int
+    name: str
+    factor: Expr
+    coupling: str = ""
+
+
+def list_coupled_readings(
+    robot: Robot, base: BaseParameters, rows: Sequence[Sequence[Expr]]
+) -> tuple[OpenReading, ...]:
+    """Return the readings that coupled drives leave open: a group names the drive, the joint's own does not.
+
+    Factor in a group: what it holds of P_i times c_i^2, summed over the joints of the coupling.
+
+    Args:
+        robot: its drives.
+        base: our parameters.
+        rows: what each group holds of ours.
+    """
+    ours = (*base.parameters, *base.friction)
+    columns = _list_columns(base)
+    readings = []
+    for number, coupling in enumerate(robot.couplings):
+        for kind in _LINEAR:
+            drive = (robot.size + number, kind)
+            # A parameter that shows only together with others has no column of its own.
+            if drive not in columns or not any(row[columns[drive][0]] for row in rows):
+                continue
+            column, name = columns[drive]
+            squares = {
+                (joint, kind): Rational(c.numerator, c.denominator) ** 2 for joint, c in coupling.terms
+            }
+            shares = [
+                sum((squares[label] * value for label, value in entry.terms if label in squares), Integer(0))
+                for entry in ours
+            ]
+            for place, row in enumerate(rows):
+                factor = sum((a * b for a, b in zip(row, shares, strict=True) if a and b), Integer(0))
+                if factor and not row[column]:
+                    readings.append(
+                        OpenReading(
+                            group=place, column=column, name=name, factor=factor, coupling=coupling.name
+                        )
+                    )
+    return tuple(readings)
+
+
+def list_kindred_readings(
+    base: BaseParameters, rows: Sequence[Sequence[Expr]], numbers: Sequence[int]
+) -> tuple[OpenReading, ...]:
+    """Return every parameter of the same kind, added and taken away, for some groups.
+
+    Args:
+        base: our parameters.
+        rows: what each group holds of ours.
+        numbers: the groups to look at.
+    """
+    ours = (*base.parameters, *base.friction)
+    columns = _list_columns(base)
+    kinds = {
+        number: {entry.label[1] for entry, share in zip(ours, rows[number], strict=True) if share}
+        for number in numbers
+    }
+    return tuple(
+        OpenReading(group=number, column=column, name=name, factor=Integer(sign))
+        for number in numbers
+        for label, (column, name) in columns.items()
+        if label[1] in kinds[number] and not rows[number][column]
+        for sign in (1, -1)
+    )
+
+
+def _list_columns(base: BaseParameters) -> dict[Label, tuple[int, str]]:
+    """Return number and name of every parameter of ours that stands for itself alone."""
+    ours = (*base.parameters, *base.friction)
+    return {entry.label: (k, entry.name) for k, entry in enumerate(ours) if len(entry.terms) == 1}

@@ -1,0 +1,201 @@
+"""Linearly independent functions of a robot's coordinates, and polynomials written in them.
+
+Polynomials in sines, cosines, positions of joints -> {function: coefficient}. The functions are
+independent, so that a sum of them vanishes for all states only if every coefficient does.
+
+A coordinate that moves one joint has the functions s^a c^b q^e (a < 2). Where several joints follow one
+coordinate their sines and cosines are not independent: products are written as q^e cos(w q) and q^e sin(w
+q) with exact frequencies w, the sums of the multipliers.
+
+Supported: any multipliers, revolute and prismatic joints on one coordinate.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import Any
+
+from sympy import QQ
+from sympy.polys.domains.domain import Domain
+from sympy.polys.rings import PolyElement
+
+from symid.dynamics.exact_algebra import ExactAlgebra, get_generators
+from symid.robot import Robot
+
+CoordinateFunction = tuple[int, int, int]
+"""Function of one coordinate: for one joint (a, b, e) of s^a c^b q^e; for several (w, odd, e), with the
+frequency w in the coordinate's own unit."""
+BasisFunction = tuple[tuple[CoordinateFunction, ...], tuple[int, ...]]
+"""A part for each coordinate, and the exponents of their velocities."""
+
+_Wave = dict[tuple[int, bool], Fraction]
+"""Amplitudes of cos(w q), sin(w q): {(w, whether sine): amplitude} with w >= 0."""
+_Shares = tuple[tuple[BasisFunction, Any], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Generator:
+    """What a generator of the ring is: `kind` s, c, q of a joint, dq of a coordinate, or a symbol.
+
+    `frequency` is the joint's multiplier in the unit of its coordinate; symbols have the number of theirs in
+    the field as `coordinate`.
+    """
+
+    kind: str
+    coordinate: int
+    multiplier: Fraction = Fraction(1)
+    frequency: int = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrigonometricBasis:
+    """How the generators of a ring are read; `shared` says which coordinates move several joints.
+
+    `memory` keeps what products of generators were found to be; polynomials hold the same ones many times.
+    """
+
+    field: Domain
+    domain: Domain
+    generators: tuple[_Generator, ...]
+    symbols: int
+    shared: tuple[bool, ...]
+    memory: dict[tuple[int, ...], _Shares] = field(default_factory=dict, compare=False, repr=False)
+
+
+def build_basis(robot: Robot, algebra: ExactAlgebra, field: Domain) -> TrigonometricBasis:
+    """Return the functions that polynomials of `algebra` are written in, coefficients in `field`."""
+    known = list(get_generators(field))
+    rows = [row[0] for row in robot.transmission[: robot.size]]
+    units = [
+        math.lcm(*(factor.denominator for other, factor in rows if other == position))
+        for position in range(robot.freedom)
+    ]
+    generators = []
+    for name in map(str, algebra.ring.symbols):
+        kind = name.rstrip("0123456789")
+        if name in known:
+            generators.append(_Generator(kind="symbol", coordinate=known.index(name)))
+            continue
+        position, multiplier = rows[int(name[len(kind) :]) - 1]
+        frequency = int(multiplier * units[position])
+        generators.append(
+            _Generator(kind=kind, coordinate=position, multiplier=multiplier, frequency=frequency)
+        )
+    moved = [position for position, _ in rows]
+    return TrigonometricBasis(
+        field=field,
+        domain=algebra.ring.domain,
+        generators=tuple(generators),
+        symbols=len(known),
+        shared=tuple(moved.count(position) > 1 for position in range(robot.freedom)),
+    )
+
+
+def build_power_function(basis: TrigonometricBasis, coordinate: int = -1, exponent: int = 0) -> BasisFunction:
+    """Return the function q^exponent of a coordinate; the constant function by default."""
+    parts = [(0, 0, exponent if position == coordinate else 0) for position in range(len(basis.shared))]
+    return tuple(parts), (0,) * len(basis.shared)
+
+
+def _multiply_wave(wave: _Wave, frequency: int, *, sine: bool) -> _Wave:
+    """Return the wave times cos(w q) or sin(w q), by the sums and differences of frequencies."""
+    result: _Wave = {}
+
+    def put(w: int, odd: bool, amplitude: Fraction) -> None:  # noqa: FBT001  an inner helper
+        if odd and w < 0:
+            amplitude = -amplitude
+        if not (odd and w == 0):
+            key = (abs(w), odd)
+            result[key] = result.get(key, Fraction(0)) + amplitude
+
+    for (w, odd), amplitude in wave.items():
+        half = amplitude / 2
+        if sine and odd:
+            put(w - frequency, False, half)
+            put(w + frequency, False, -half)
+        elif sine:
+            put(w + frequency, True, half)
+            put(w - frequency, True, -half)
+        elif odd:
+            put(w + frequency, True, half)
+            put(w - frequency, True, half)
+        else:
+            put(w + frequency, False, half)
+            put(w - frequency, False, half)
+    return {key: amplitude for key, amplitude in result.items() if amplitude}
+
+
+def _list_parts(
+    factors: Sequence[tuple[_Generator, int]], *, shared: bool
+) -> Iterator[tuple[CoordinateFunction, Fraction]]:
+    """Return the functions of one coordinate that a product of its generators is the sum of."""
+    if not shared:
+        exponents = {generator.kind: exponent for generator, exponent in factors}
+        a, b, e = (exponents.get(kind, 0) for kind in ("s", "c", "q"))
+        yield (a, b, e), Fraction(1)
+        return
+    wave: _Wave = {(0, False): Fraction(1)}
+    power, scale = 0, Fraction(1)
+    for generator, exponent in factors:
+        if generator.kind == "q":
+            power += exponent
+            scale *= generator.multiplier**exponent
+            continue
+        for _ in range(exponent):
+            wave = _multiply_wave(wave, generator.frequency, sine=generator.kind == "s")
+    for (frequency, odd), amplitude in wave.items():
+        yield (frequency, int(odd), power), scale * amplitude
+
+
+def _expand(basis: TrigonometricBasis, monomial: tuple[int, ...]) -> _Shares:
+    """Return a product of generators, symbols apart, in the functions of the basis."""
+    if monomial in basis.memory:
+        return basis.memory[monomial]
+    coordinates = range(len(basis.shared))
+    rates = [0] * len(basis.shared)
+    factors: list[list[tuple[_Generator, int]]] = [[] for _ in coordinates]
+    for generator, exponent in zip(basis.generators, monomial, strict=True):
+        if exponent and generator.kind == "dq":
+            rates[generator.coordinate] += exponent
+        elif exponent and generator.kind != "symbol":
+            factors[generator.coordinate].append((generator, exponent))
+    total: list[tuple[tuple[CoordinateFunction, ...], Fraction]] = [((), Fraction(1))]
+    for position in coordinates:
+        total = [
+            ((*parts, part), value * share)
+            for part, share in _list_parts(factors[position], shared=basis.shared[position])
+            for parts, value in total
+        ]
+    convert, turning = basis.domain.convert, tuple(rates)
+    found = tuple(
+        ((parts, turning), convert(QQ(value.numerator, value.denominator))) for parts, value in total
+    )
+    basis.memory[monomial] = found
+    return found
+
+
+def split_polynomial(basis: TrigonometricBasis, polynomial: PolyElement) -> Mapping[BasisFunction, Any]:
+    """Return the coefficients of `polynomial` over independent functions, as elements of the field."""
+    total: dict[BasisFunction, dict[tuple[int, ...], Any]] = {}
+    for monomial, coefficient in polynomial.items():
+        powers = [0] * basis.symbols
+        if basis.symbols:
+            for generator, exponent in zip(basis.generators, monomial, strict=True):
+                if generator.kind == "symbol":
+                    powers[generator.coordinate] = exponent
+        key = tuple(powers)
+        for function, share in _expand(basis, monomial):
+            entry = total.setdefault(function, {})
+            entry[key] = entry.get(key, basis.domain.zero) + coefficient * share
+    kept = (
+        (function, {key: value for key, value in entry.items() if value}) for function, entry in total.items()
+    )
+    return {function: _gather(basis, entry) for function, entry in kept if entry}
+
+
+def _gather(basis: TrigonometricBasis, entry: Mapping[tuple[int, ...], Any]) -> Any:  # noqa: ANN401  an element of a SymPy field
+    """Return a polynomial in the symbols as an element of the field; sums in the field cancel every time."""
+    if not basis.symbols:
+        return entry[()]
+    return basis.field.new(basis.field.field.ring.from_dict(dict(entry)))

@@ -1,0 +1,78 @@
+"""One thread for linear algebra, the folders that come with symid, and paths as people type them.
+
+Threads: a sum that threads share gives other digits on another number of cores, so the command line asks
+OpenBLAS, MKL, BLIS, Accelerate and OpenMP for one thread. They read the environment once, when they are
+loaded.
+
+Folders: robot files and templates of a source checkout, of an editable installation (beside the package)
+and of a wheel (in `symid/_data`).
+
+Not supported: linear algebra that is loaded already; a package imported from inside a zip file.
+"""
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+from symid.errors import Notice, OutputError, SymidError
+
+
+def show_path(path: Path) -> str:
+    """Return the path as people type it: relative, where it is below the working folder."""
+    try:
+        return str(path.resolve().relative_to(Path.cwd()))
+    except (ValueError, OSError):
+        return str(path)
+
+
+def check_suffix(path: Path, what: str, known: Iterable[str]) -> str:
+    """Return the ending of a file that is to be written, in lower case.
+
+    Args:
+        path: of the file.
+        what: is written, for the message, such as "a log".
+        known: endings, with their dots.
+
+    Raises:
+        OutputError: it is another one.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in known:
+        text = f"{what} is written as {' or '.join(known)}, got {path.suffix or 'no suffix'}"
+        raise OutputError(Notice(code="output.unknown-suffix", text=text, file=str(path)))
+    return suffix
+
+
+_PACKAGE = Path(__file__).resolve().parent
+
+
+def locate_resource_folder(name: str) -> Path:
+    """Return the folder `name`, "robots" or "templates", that belongs to this installation.
+
+    Raises:
+        SymidError: the installation is incomplete; the message names the places looked at.
+    """
+    # The wheel's copy first: beside an installed package stand other people's folders.
+    places = (_PACKAGE / "_data" / name, _PACKAGE.parent / name)
+    for place in places:
+        if place.is_dir():
+            return place
+    text = (
+        f"the folder {name!r} that belongs to symid is missing, looked for {places[0]} and {places[1]}; "
+        "install symid again"
+    )
+    raise SymidError(Notice(code="symid.missing-resource", text=text))
+
+
+THREAD_VARIABLES = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "BLIS_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+)
+
+
+def limit_to_one_thread() -> None:
+    """Set the variables for this process and those that it starts."""
+    os.environ |= dict.fromkeys(THREAD_VARIABLES, "1")

@@ -1,1 +1,0 @@
-"""Estimators: how equations become parameters, with their deviations."""

@@ -1,0 +1,429 @@
+"""The motion that an experiment follows: by name, from a file, or from samples; and its file.
+
+Robot, a name ("fourier", "ta", "tb", "tc"), the path of a file, or a motion -> ReferenceMotion. A
+trajectory, a rate -> CSV file with the columns t, q1.., dq1.., ddq1.. and their units, under lines that
+begin with # and say what it is. Samples -> SampledMotion, the polynomial of fifth degree between
+neighbouring samples that has their states: q, dq, ddq are continuous and exact at the samples.
+
+    q(t) = sum_k H_k(s) h^k q_left^(k) + H_k(1 - s) (-h)^k q_right^(k),   s = (t - t_left) / h,  k = 0, 1, 2
+
+Supported: samples at any increasing times; file columns in any unit of the table, in any order; files
+without dq and ddq, whose samples must then be close enough for a spline of fifth degree.
+Not supported: times outside the samples, where the ends are held; waypoints, which state no motion
+between them.
+"""
+
+import csv
+import io
+import math
+import os
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from symid.arrays import FloatArray, freeze
+from symid.environment import check_suffix
+from symid.errors import LogError, Notice, OutputError, UsageError
+from symid.excitation.trajectories import (
+    FourierOptions,
+    Trajectory,
+    build_random_fourier,
+    build_ta,
+    build_tb,
+    build_tc,
+    scale_trajectory,
+)
+from symid.logs import RawLog, read_csv
+from symid.notation import get_unit, get_unit_factor
+from symid.robot import JointKind, Robot
+
+# H_0, H_1, H_2: coefficients of s^0 to s^5; each has one derivative at s = 0 and none at s = 1.
+_HERMITE = np.array(
+    [
+        [1.0, 0.0, 0.0, -10.0, 15.0, -6.0],
+        [0.0, 1.0, 0.0, -6.0, 8.0, -3.0],
+        [0.0, 0.0, 0.5, -1.5, 1.5, -0.5],
+    ]
+)
+
+
+class ReferenceMotion(Protocol):
+    """A trajectory of all joints, however it is given."""
+
+    @property
+    def size(self) -> int:
+        """Return the number of joints."""
+        ...
+
+    @property
+    def duration(self) -> float:
+        """Return how long it is meant to run, s."""
+        ...
+
+    @property
+    def source(self) -> str:
+        """Return where it comes from, in words."""
+        ...
+
+    def evaluate(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return q, dq, ddq, each (N, n) in rad or m, /s, /s^2, at `times` (N,) in s."""
+        ...
+
+    def evaluate_derivatives(self, times: FloatArray, order: int) -> tuple[FloatArray, ...]:
+        """Return q and its time derivatives up to `order`, each (N, n)."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SampledMotion:
+    """A motion given by its states.
+
+    Args:
+        time: (N,) s, from zero, increasing. position, velocity, acceleration: (N, n) rad or m, /s, /s^2.
+        source: where it comes from, in words.
+    """
+
+    time: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    source: str
+
+    def __post_init__(self) -> None:
+        """Copy the arrays and make them read-only."""
+        for name in ("time", "position", "velocity", "acceleration"):
+            object.__setattr__(self, name, freeze(getattr(self, name)))
+
+    @property
+    def size(self) -> int:
+        """Return the number of joints."""
+        return len(self.position[0])
+
+    @property
+    def duration(self) -> float:
+        """Return the time of the last sample, s."""
+        return float(self.time[-1])
+
+    def evaluate(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return q, dq, ddq, each (N, n) in rad or m, /s, /s^2, at `times` (N,) in s."""
+        q, dq, ddq = self.evaluate_derivatives(times, 2)
+        return q, dq, ddq
+
+    def evaluate_derivatives(self, times: FloatArray, order: int) -> tuple[FloatArray, ...]:
+        """Return q and its time derivatives up to `order`, each (N, n) in rad or m, /s, /s^2 and so on.
+
+        From the third on they jump at the samples. Before the first sample and after the last one the state
+        of that sample is given.
+
+        Args:
+            times: (N,) s.
+            order: of the highest derivative, 0 or more.
+        """
+        t = np.clip(np.asarray(times, dtype=np.float64), self.time[0], self.time[-1])
+        left = np.clip(np.searchsorted(self.time, t, side="right") - 1, 0, len(self.time) - 2)
+        h = self.time[left + 1] - self.time[left]
+        s = (t - self.time[left]) / h
+        given = (self.position, self.velocity, self.acceleration)
+        found = []
+        for derivative in range(order + 1):
+            total = np.zeros((len(t), self.size))
+            for k, values in enumerate(given):
+                near, far = _evaluate_hermite(k, derivative, s), _evaluate_hermite(k, derivative, 1.0 - s)
+                factor = h ** (k - derivative)
+                sign = -1.0 if (k + derivative) % 2 else 1.0
+                if k == 0:
+                    # H_0(s) + H_0(1 - s) is one: rounding of a pose must not show in its derivatives.
+                    total += (sign * factor * far)[:, None] * (values[left + 1] - values[left])
+                    total += 0.0 if derivative else values[left]
+                    continue
+                total += (factor * near)[:, None] * values[left]
+                total += (sign * factor * far)[:, None] * values[left + 1]
+            found.append(total)
+        return tuple(found)
+
+
+def _evaluate_hermite(k: int, derivative: int, s: FloatArray) -> FloatArray:
+    """Return the derivative of H_k by s."""
+    shape = np.polynomial.Polynomial(_HERMITE[k])
+    result: FloatArray = (shape.deriv(derivative) if derivative else shape)(s)
+    return result * np.ones_like(s)
+
+
+def scale_samples(motion: SampledMotion, scale: float) -> SampledMotion:
+    """Return `motion` with all gaps to its first pose times `scale`."""
+    if scale == 1.0:
+        return motion
+    first = motion.position[0]
+    return replace(
+        motion,
+        position=first + scale * (motion.position - first),
+        velocity=scale * motion.velocity,
+        acceleration=scale * motion.acceleration,
+        source=f"{motion.source}, amplitudes times {scale:g}",
+    )
+
+
+def truncate_motion(motion: SampledMotion, duration: float) -> SampledMotion:
+    """Return the beginning of `motion`, up to the first sample not before `duration` in s."""
+    count = max(2, int(np.searchsorted(motion.time, duration * (1.0 - 1e-12))) + 1)
+    return replace(
+        motion,
+        time=motion.time[:count],
+        position=motion.position[:count],
+        velocity=motion.velocity[:count],
+        acceleration=motion.acceleration[:count],
+    )
+
+
+_QUANTITIES = ("q", "dq", "ddq")
+_FEWEST = 8
+"""Samples below which a file is a list of waypoints."""
+_MODE = 0o644
+
+
+def write_trajectory(
+    motion: ReferenceMotion,
+    path: Path,
+    robot: Robot,
+    *,
+    rate: float,
+    periods: int = 1,
+    remarks: Sequence[str] = (),
+) -> int:
+    """Write the states of a motion, its last one included, and return the number of samples.
+
+    Args:
+        motion: periodic, where it is to run more than once.
+        path: replaced as a whole, or left as it is.
+        robot: names and kinds of the joints.
+        rate: samples a second, Hz.
+        periods: how often it runs.
+        remarks: lines for people, written first.
+
+    Raises:
+        OutputError: it is no .csv, or cannot be written.
+    """
+    check_suffix(path, "a trajectory", (".csv",))
+    count = round(motion.duration * rate)
+    times = np.arange(count * periods + 1) / rate
+    # The same samples in every period, bit by bit.
+    phases = (np.arange(count * periods + 1) % count) / rate
+    if periods == 1:
+        phases = times
+    table = np.hstack([times[:, None], *motion.evaluate(phases)])
+    headings = ["t [s]"]
+    for name in _QUANTITIES:
+        units = (get_unit(name, prismatic=joint.kind is JointKind.PRISMATIC) for joint in robot.axes)
+        headings += [f"{name}{number} [{unit}]" for number, unit in enumerate(units, 1)]
+    text = io.StringIO()
+    text.writelines(f"# {' '.join(remark.split())}\n" for remark in remarks)
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(headings)
+    writer.writerows([repr(value) for value in row] for row in table.tolist())
+    _replace_file(path, text.getvalue())
+    return len(times)
+
+
+def _replace_file(path: Path, text: str) -> None:
+    try:
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        try:
+            with os.fdopen(handle, "w", encoding="utf-8", newline="") as stream:
+                stream.write(text)
+            Path(temporary).chmod(_MODE & ~_read_umask())
+            Path(temporary).replace(path)
+        except BaseException:
+            Path(temporary).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        text = f"the trajectory cannot be written: {error.strerror or error}"
+        raise OutputError(Notice(code="output.unwritable", text=text, file=str(path))) from error
+
+
+def _read_umask() -> int:
+    mask = os.umask(0o077)
+    os.umask(mask)
+    return mask
+
+
+def read_trajectory(path: Path, robot: Robot) -> SampledMotion:
+    """Return the motion that the file at `path` holds, its times from zero.
+
+    Raises:
+        LogError: with what is wrong with the file.
+    """
+    raw = read_csv(path)
+    problems: list[str] = []
+    time = _read_column(raw, "t", robot, problems)
+    stated = {name: _read_quantity(raw, name, robot, problems) for name in _QUANTITIES}
+    if stated["q"] is None and not problems:
+        problems.append(f"columns q1 to q{robot.freedom} are needed, one a joint, and t")
+    if time is not None and not problems:
+        problems += _list_time_problems(time)
+    position, velocity, acceleration = stated["q"], stated["dq"], stated["ddq"]
+    if time is None or position is None or problems:
+        notices = (Notice(code="excitation.trajectory", text=text, file=str(path)) for text in problems)
+        raise LogError(*notices)
+    start = time - time[0]
+    if velocity is None or acceleration is None:
+        velocity, acceleration = _differentiate(start, position)
+    return SampledMotion(
+        time=start,
+        position=position,
+        velocity=velocity,
+        acceleration=acceleration,
+        source=f"trajectory {path.name}",
+    )
+
+
+def _list_time_problems(time: FloatArray) -> list[str]:
+    if len(time) < _FEWEST:
+        return [f"{len(time)} samples are no trajectory; at least {_FEWEST} are needed"]
+    steps = np.diff(time)
+    if not np.all(steps > 0.0):
+        return [f"the time does not increase after sample {int(np.argmin(steps > 0.0)) + 1}"]
+    return []
+
+
+def _read_quantity(raw: RawLog, name: str, robot: Robot, problems: list[str]) -> FloatArray | None:
+    """Return all columns of a quantity (N, n), None where the file has none of them."""
+    names = [f"{name}{number}" for number in range(1, robot.freedom + 1)]
+    more = f"{name}{robot.freedom + 1}"
+    if more in raw.columns:
+        problems.append(f"column {more}: the robot has {robot.freedom} joints")
+        return None
+    if not any(column in raw.columns for column in names):
+        return None
+    columns = [_read_column(raw, column, robot, problems) for column in names]
+    return (
+        np.column_stack([column for column in columns if column is not None])
+        if all(column is not None for column in columns)
+        else None
+    )
+
+
+def _read_column(raw: RawLog, name: str, robot: Robot, problems: list[str]) -> FloatArray | None:
+    """Return a column in SI units."""
+    if name not in raw.columns:
+        problems.append(f"column {name} is missing; there are {', '.join(raw.columns)}")
+        return None
+    kind = name.rstrip("0123456789")
+    number = name[len(kind) :]
+    prismatic = bool(number) and robot.axes[int(number) - 1].kind is JointKind.PRISMATIC
+    standard = get_unit(kind, prismatic=prismatic)
+    unit = raw.units.get(name, standard)
+    try:
+        dimension, factor = get_unit_factor(unit)
+    except KeyError:
+        problems.append(f"column {name}: no such unit as {unit!r}; write it in {standard}")
+        return None
+    if unit != "SI" and dimension != get_unit_factor(standard)[0]:
+        problems.append(f"column {name}: {unit} is no unit of {get_unit_factor(standard)[0]}")
+        return None
+    values = raw.columns[name]
+    if not np.all(np.isfinite(values)):
+        problems.append(f"column {name}: sample {int(np.argmin(np.isfinite(values))) + 1} is missing")
+        return None
+    return factor * values
+
+
+def _differentiate(time: FloatArray, position: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return velocity and acceleration of the spline of fifth degree through the positions."""
+    from scipy.interpolate import make_interp_spline
+
+    spline = make_interp_spline(time, position, k=5)
+    return np.asarray(spline(time, 1), dtype=np.float64), np.asarray(spline(time, 2), dtype=np.float64)
+
+
+TRAJECTORY_NAMES = ("fourier", "ta", "tb", "tc")
+_TA_JOINTS = 2
+
+
+def build_motion(
+    robot: Robot,
+    given: str | Trajectory | SampledMotion,
+    rng: np.random.Generator,
+    *,
+    duration: float | None = None,
+    joint: int = 1,
+    scale: float = 1.0,
+) -> ReferenceMotion:
+    """Return the trajectory of a name, or that of a file or of samples, up to `duration` s.
+
+    Args:
+        robot: that moves.
+        given: one of `TRAJECTORY_NAMES`, the path of a file, or a motion.
+        rng: of the random series.
+        duration: s; None for that of the trajectory.
+        joint: that "tb" moves, counted from one.
+        scale: of the amplitudes.
+
+    Raises:
+        UsageError: there is no such trajectory, it is for another number of joints, or shorter; or the
+            duration is no positive time.
+        LogError: the file is wrong.
+    """
+    if duration is not None and not 0.0 < duration < math.inf:
+        text = f"duration {duration:g} s: must be a positive time"
+        raise UsageError(Notice(code="usage.trajectory", text=text))
+    if isinstance(given, str) and given in TRAJECTORY_NAMES:
+        return build_trajectory(robot, given, rng, duration=duration, joint=joint, scale=scale)
+    if isinstance(given, Trajectory):
+        scaled = scale_trajectory(given, scale)
+        return scaled if duration is None else replace(scaled, duration=duration)
+    motion = scale_samples(
+        given if isinstance(given, SampledMotion) else _read_motion(Path(given), robot), scale
+    )
+    if duration is None:
+        return motion
+    if duration > motion.duration:
+        text = f"--duration {duration:g} s: the trajectory ends after {motion.duration:g} s"
+        file = given if isinstance(given, str) else ""
+        raise UsageError(Notice(code="usage.trajectory", text=text, file=file))
+    return truncate_motion(motion, duration)
+
+
+def _read_motion(path: Path, robot: Robot) -> SampledMotion:
+    if not path.is_file():
+        known = ", ".join(TRAJECTORY_NAMES)
+        text = f"--trajectory {path}: neither one of {known} nor a file; symid excite writes one"
+        raise UsageError(Notice(code="usage.trajectory", text=text))
+    return read_trajectory(path, robot)
+
+
+def build_trajectory(
+    robot: Robot,
+    name: str,
+    rng: np.random.Generator,
+    *,
+    duration: float | None = None,
+    joint: int = 1,
+    scale: float = 1.0,
+) -> Trajectory:
+    """Return the trajectory called `name`, "fourier", "ta", "tb" or "tc", its amplitudes times `scale`.
+
+    Raises:
+        UsageError: "ta" is for another number of joints, or "tb" for a joint that is not there.
+    """
+    return scale_trajectory(_build_unscaled(robot, name, rng, duration=duration, joint=joint), scale)
+
+
+def _build_unscaled(
+    robot: Robot, name: str, rng: np.random.Generator, *, duration: float | None, joint: int
+) -> Trajectory:
+    if name == "fourier":
+        options = FourierOptions() if duration is None else FourierOptions(duration=duration)
+        return build_random_fourier(robot, rng, options)
+    length = {} if duration is None else {"duration": duration}
+    if name == "tb":
+        return build_tb(joint - 1, size=robot.freedom, **length)
+    if name == "tc":
+        return build_tc(size=robot.freedom, **length)
+    if robot.freedom != _TA_JOINTS:
+        text = f"trajectory ta moves {_TA_JOINTS} joints, {robot.name} has {robot.freedom}; use fourier"
+        raise UsageError(Notice(code="usage.trajectory", text=text))
+    return build_ta(**length)

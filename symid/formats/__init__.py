@@ -1,1 +1,0 @@
-"""How robots are written: files in and out."""

@@ -1,1 +1,0 @@
-"""Friction of one joint at a time: samples, laws fitted to them, the choice of a law."""

@@ -1,0 +1,52 @@
+"""What a fit leaves, what speaks against it, and what a log shows before a fit."""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from symid.identification.diagnostics.fit_warnings import (
+        compute_block_deviations as compute_block_deviations,
+        warn_of_correlated_residuals as warn_of_correlated_residuals,
+        warn_of_mass_matrix as warn_of_mass_matrix,
+        warn_of_moving_ends as warn_of_moving_ends,
+        warn_of_poorly_identifiable as warn_of_poorly_identifiable,
+        warn_of_processing as warn_of_processing,
+        warn_of_stiction as warn_of_stiction,
+    )
+    from symid.identification.diagnostics.log_check import (
+        CheckedLog as CheckedLog,
+        LogCheck as LogCheck,
+        LogExcitation as LogExcitation,
+        LogsCheck as LogsCheck,
+        check_robot_logs as check_robot_logs,
+    )
+    from symid.identification.diagnostics.residual_structure import (
+        JointProfiles as JointProfiles,
+        Profile as Profile,
+        ResidualFinding as ResidualFinding,
+        analyse_structure as analyse_structure,
+        compute_profiles as compute_profiles,
+        warn_of_structure as warn_of_structure,
+    )
+    from symid.identification.diagnostics.torque_prediction import (
+        BandResidual as BandResidual,
+        compute_band_residual as compute_band_residual,
+        predict_torques as predict_torques,
+    )
+    from symid.identification.diagnostics.uncertainty import (
+        Bootstrap as Bootstrap,
+        Drift as Drift,
+        Ellipse as Ellipse,
+        Essential as Essential,
+        SingleLogFit as SingleLogFit,
+        compute_bootstrap as compute_bootstrap,
+        compute_ellipse as compute_ellipse,
+        compute_mean_weights as compute_mean_weights,
+        list_correlated as list_correlated,
+        measure_drift as measure_drift,
+        select_essential as select_essential,
+        warn_of_drift as warn_of_drift,
+    )
+else:
+    from symid.lazy import load_names
+
+    __getattr__, __dir__, __all__ = load_names(__name__, __file__)

@@ -1,0 +1,569 @@
+"""Sign, order and delay of the channels of a log, from a quick fit before any identification.
+
+Library, even recording -> `QuickFit` -> `JointSigns`, `Exchange`s, `TorqueDelay`, and notices.
+
+    Recording -> Signals -> states and torque decimated alike -> blocks of samples -> regressor rows
+
+States pass the decimation instead of columns, which is quick, and true but for dry friction at a reversal.
+
+Sign: of each joint the torque is fitted by that joint's own rows, so that a wrong sign elsewhere does no
+harm. Its inertia must be positive, and its friction must take work out of the motion. Both as shares of the
+torque, with the deviation of leaving out one block:
+
+    inertia share   mean(M_jj ddq^2) / (rms(ddq) rms(tau))
+    friction share  mean(tau_f dq) / (rms(dq) rms(tau))
+
+Order: pairs of torque columns, of position columns and of both are exchanged; the exchange with the
+smallest residual on samples that the fit did not see is kept, and the search goes on from there as long as
+that falls clearly.
+
+Delay: a torque channel that lags by d holds tau(t - d), so that, with rows A and the fitted torque s = A x,
+
+    tau = A x - d ds/dt
+
+is linear in x and d. The fit is repeated with the torque really shifted until d no longer changes. Standard
+deviations come from leaving out each block of the log in turn (the jackknife).
+
+Supported: rigid joints that move, friction that is linear in its parameters; any permutation that exchanges
+of pairs reach, each an improvement; delays of any fraction of a sample and either sign, up to 50 ms, common
+and joint by joint.
+Not supported: elastic joints; joints at rest; joints whose torque is nearly all weight, whose signs say
+nothing.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import combinations, pairwise
+
+import numpy as np
+
+from symid.arrays import FloatArray
+from symid.codegen import Library
+from symid.errors import IdentifiabilityError, Notice
+from symid.identification.regression import (
+    choose_filters,
+    compute_payload_torque,
+    hold_resting_joints,
+    list_resting_joints,
+)
+from symid.logs import Recording, decimate, prepare_signals, shift_channel
+from symid.robot import JointKind, Processing, Robot
+
+_BLOCKS = 20
+_BLOCK = 200
+"""Samples of a block: with twenty blocks some thousand samples, enough for a look."""
+_SMALL = 1e-7
+_SLOW = 0.02
+"""Of the root mean square of a joint's speed: below, dry friction may hold it."""
+_NEAR = 3
+"""Samples on either side of a reversal, where decimation has smeared what friction does."""
+_MOST = 0.8
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class QuickFit:
+    """Equations of a log at blocks of consecutive samples.
+
+    Args:
+        q, dq, ddq, tau: (N, n) decimated states and torques of the blocks, one after the other.
+        rows: (N, n, p) regressor, friction included.
+        keep: (N, n) 1, or 0 where a joint with friction hardly moves: what holds it there is no function of
+            its speed.
+        blocks: slices of the N samples, each of consecutive ones.
+        names: of the p parameters; `inertial` the number of those that are none of friction.
+        moving: joints that move in the log.
+        period: of the N samples in s; `rate` the log's own period in s.
+        recording, processing: what it was made from.
+    """
+
+    q: FloatArray
+    dq: FloatArray
+    ddq: FloatArray
+    tau: FloatArray
+    rows: FloatArray
+    keep: FloatArray
+    blocks: tuple[slice, ...]
+    names: tuple[str, ...]
+    inertial: int
+    moving: tuple[int, ...]
+    period: float
+    recording: Recording
+    processing: Processing
+
+
+def build_quick_fit(library: Library, recording: Recording, processing: Processing) -> QuickFit:
+    """Return the equations of a recording; cut-off and decimation that are not stated are chosen.
+
+    Raises:
+        IdentifiabilityError: no joint moves.
+        LogError: the recording is uneven or too short for the settings.
+    """
+    processing = choose_filters(replace(processing, automatic=True), [recording]).processing
+    resting = list_resting_joints(recording)
+    moving = tuple(joint for joint in range(library.card.size) if joint not in resting)
+    if not moving:
+        text = (
+            "no joint moves in this log beyond the noise of its encoder: nothing can be learnt from it; "
+            "record one in which every joint accelerates and turns both ways"
+        )
+        raise IdentifiabilityError(Notice(code="identify.standstill", text=text, file=recording.source))
+    signals = hold_resting_joints(prepare_signals(recording, processing), resting)
+    load = compute_payload_torque(library, signals, recording)
+    if load is not None:
+        torque = recording.torque.copy()
+        torque[processing.drop_first : processing.drop_first + len(load)] -= load
+        recording, signals = replace(recording, torque=torque), replace(signals, tau=signals.tau - load)
+    columns = np.hstack([signals.q, signals.dq, signals.ddq, signals.tau])
+    thin = _thin_out(columns, processing)
+    blocks = _choose_blocks(len(thin))
+    kept = np.vstack([thin[block] for block in blocks])
+    q, dq, ddq, tau = (np.ascontiguousarray(part) for part in np.split(kept, 4, axis=1))
+    bounds = np.cumsum([0, *(block.stop - block.start for block in blocks)])
+    card = library.card
+    return QuickFit(
+        q=q,
+        dq=dq,
+        ddq=ddq,
+        tau=tau,
+        rows=evaluate_rows(library, q, dq, ddq),
+        keep=_select_moving(library, dq, processing.standstill),
+        blocks=tuple(slice(int(low), int(high)) for low, high in pairwise(bounds)),
+        names=tuple(entry.name for entry in (*card.beta, *card.friction)),
+        inertial=len(card.beta),
+        moving=moving,
+        period=signals.period * processing.decimation.factor,
+        recording=recording,
+        processing=processing,
+    )
+
+
+def _thin_out(values: FloatArray, processing: Processing) -> FloatArray:
+    """Return the decimated columns of `values` (N, k), constants kept as they are.
+
+    A Chebyshev filter of even order passes a constant with its ripple: harmless where all columns of a model
+    pass it, not where states do.
+    """
+    thin = decimate(np.column_stack([values, np.ones(len(values))]), processing.decimation)
+    return np.ascontiguousarray(thin[:, :-1] / thin[:, -1:])
+
+
+def _select_moving(library: Library, dq: FloatArray, standstill: float) -> FloatArray:
+    slow = np.maximum(standstill, _SLOW * np.sqrt(np.mean(dq**2, axis=0)))
+    braked = np.array([joint.friction != "none" for joint in library.card.joints])
+    held = (np.abs(dq) < slow) & braked
+    # A change of sign counts even where no sample falls on it.
+    held[1:] |= (dq[1:] * dq[:-1] < 0.0) & braked
+    near = held.copy()
+    for step in range(1, _NEAR + 1):
+        near[step:] |= held[:-step]
+        near[:-step] |= held[step:]
+    # A joint that is slow throughout would not be looked at.
+    return np.where(near & (np.mean(near, axis=0) < _MOST), 0.0, 1.0)
+
+
+def _choose_blocks(count: int) -> list[slice]:
+    """Return blocks of the samples: all of them, or pieces at even distances."""
+    number = max(2, min(_BLOCKS, count // 10))
+    bounds = np.linspace(0, count, number + 1).astype(int).tolist()
+    return [slice(low, min(high, low + _BLOCK)) for low, high in pairwise(bounds)]
+
+
+def evaluate_rows(library: Library, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
+    """Return the regressor of the torques, friction included, at states (N, n): (N, n, p)."""
+    (rigid,) = library.evaluate("torque_regressor", q, dq, ddq)
+    if not library.card.friction:
+        return rigid
+    (friction,) = library.evaluate("friction_regressor", dq)
+    return np.concatenate([rigid, friction], axis=2)
+
+
+def shift_torque(fit: QuickFit, delay: float) -> FloatArray:
+    """Return the torques (N, n) of the fit's samples with the torque channel moved ahead by `delay` s."""
+    recording = fit.recording
+    moved = shift_channel(recording.time, recording.torque, delay)
+    signals = prepare_signals(replace(recording, torque=moved), fit.processing)
+    thin = _thin_out(signals.tau, fit.processing)
+    return np.vstack([thin[block] for block in _choose_blocks(len(thin))])
+
+
+def solve_scaled(matrix: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the least-squares solution (p,) of least norm in columns of length one."""
+    lengths = np.linalg.norm(matrix, axis=0)
+    scales = np.where(lengths > 0.0, 1.0 / np.where(lengths > 0.0, lengths, 1.0), 0.0)
+    solution = np.linalg.lstsq(matrix * scales, values, rcond=_SMALL)[0]
+    return np.asarray(solution * scales, dtype=np.float64)
+
+
+_CLEAR = 0.02
+"""Of the torque: a share beyond this, and beyond its own deviations, says something."""
+_SIGN_SURE = 3.0
+_GROUPS = 8
+_HEAVIEST, _LIGHTEST = 2e4, 1e-4
+"""kg at half the reach: no arm moves more, none so little."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointSigns:
+    """What the fit of joint `joint` alone says: shares of inertia and friction, with deviations; `mass`.
+
+    `mass` is the mean inertia M_jj as a mass (kg) at half the robot's reach, or that of a slide itself.
+    """
+
+    joint: int
+    inertia: float
+    inertia_std: float
+    friction: float
+    friction_std: float
+    mass: float
+
+    @property
+    def wrong(self) -> bool:
+        """Return whether the torque goes against the motion, beyond doubt."""
+        shares = ((self.inertia, self.inertia_std), (self.friction, self.friction_std))
+        clear = [share for share, std in shares if abs(share) > max(_CLEAR, _SIGN_SURE * std)]
+        return bool(clear) and max(clear) < 0.0
+
+
+def estimate_signs(fit: QuickFit, library: Library, robot: Robot) -> tuple[JointSigns, ...]:
+    """Return shares of inertia and friction of every joint that moves."""
+    reach = _compute_reach(robot)
+    still = np.zeros_like(fit.q)
+    weight = evaluate_rows(library, fit.q, still, still)
+    found = []
+    for joint in fit.moving:
+        unit = still.copy()
+        unit[:, joint] = 1.0
+        column = evaluate_rows(library, fit.q, still, unit)[:, joint] - weight[:, joint]
+        column[:, fit.inertial :] = 0.0
+        values = np.array([_compute_shares(fit, joint, column, left) for left in _list_subsets(fit)])
+        whole, parts = values[0], values[1:]
+        stds = np.sqrt((len(parts) - 1) / len(parts) * np.sum((parts - parts.mean(axis=0)) ** 2, axis=0))
+        size = 1.0 if robot.axes[joint].kind is JointKind.PRISMATIC else (0.5 * reach) ** 2
+        found.append(
+            JointSigns(
+                joint=joint,
+                inertia=float(whole[0]),
+                inertia_std=float(stds[0]),
+                friction=float(whole[1]),
+                friction_std=float(stds[1]),
+                mass=float(whole[2] / size) if size > 0.0 else float("nan"),
+            )
+        )
+    return tuple(found)
+
+
+def _list_subsets(fit: QuickFit) -> list[np.ndarray[tuple[int, ...], np.dtype[np.intp]]]:
+    """Return the samples' indices: all, then all without each of some groups of consecutive ones."""
+    whole = np.arange(len(fit.q))
+    groups = np.array_split(whole, _GROUPS)
+    return [whole, *(np.setdiff1d(whole, group) for group in groups)]
+
+
+def _compute_shares(
+    fit: QuickFit, joint: int, column: FloatArray, kept: "np.ndarray[tuple[int, ...], np.dtype[np.intp]]"
+) -> tuple[float, float, float]:
+    kept = kept[fit.keep[kept, joint] > 0.0]
+    rows, tau = fit.rows[kept, joint], fit.tau[kept, joint]
+    dq, ddq = fit.dq[kept, joint], fit.ddq[kept, joint]
+    solution = solve_scaled(rows, tau)
+    inertia = column[kept] @ solution
+    braking = rows[:, fit.inertial :] @ solution[fit.inertial :]
+    braking = braking - np.mean(braking)
+    size = _compute_rms(tau) or 1.0
+    acceleration = float(np.mean(inertia * ddq**2)) / ((_compute_rms(ddq) or 1.0) * size)
+    work = float(np.mean(braking * dq)) / ((_compute_rms(dq) or 1.0) * size)
+    return acceleration, work, float(np.mean(inertia))
+
+
+def _compute_rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _compute_reach(robot: Robot) -> float:
+    """Return the sum of the distances between joints in m, at least a tenth of one."""
+    symbols = dict(robot.symbols)
+    lengths = [
+        float(np.linalg.norm([value.to_float(symbols) for value in joint.placement.translation]))
+        for joint in robot.joints
+    ]
+    return max(0.1, sum(lengths))
+
+
+def describe_signs(signs: tuple[JointSigns, ...], robot: Robot, file: str) -> tuple[Notice, ...]:
+    """Return a notice on every joint whose torque goes against its motion."""
+    notices = []
+    for entry in signs:
+        if not entry.wrong:
+            continue
+        shares = ((entry.inertia, "its inertia comes out negative"), (entry.friction, "friction drives it"))
+        told = " and ".join(text for share, text in shares if share < -_CLEAR)
+        text = (
+            f"the torque of joint {robot.axes[entry.joint].name!r} has the wrong sign: fitted alone, {told}; "
+            "turn the sign of its torque or of its position: a factor of -1 in [log.torque] or "
+            "[log.position], or the sign of its gear"
+        )
+        notices.append(Notice(code="log.torque-sign", text=text, file=file))
+    return tuple(notices)
+
+
+def describe_sizes(signs: tuple[JointSigns, ...], robot: Robot, file: str) -> tuple[Notice, ...]:
+    """Return a notice where the masses that the torques stand for are those of no robot."""
+    clear = [entry for entry in signs if entry.inertia > max(_CLEAR, _SIGN_SURE * entry.inertia_std)]
+    odd = [entry for entry in clear if not _LIGHTEST < entry.mass < _HEAVIEST]
+    if not odd:
+        return ()
+    worst = max(odd, key=lambda entry: abs(np.log(entry.mass)))
+    large = worst.mass >= _HEAVIEST
+    guess = (
+        "are these milliamperes, N mm or degrees? state the unit in [log.torque] and [log.position]"
+        if large
+        else 'is this the motor side (side = "motor"), or are these N m where kN m is stated?'
+    )
+    text = (
+        f"the torque of joint {robot.axes[worst.joint].name!r} stands for {worst.mass:.2g} kg moved, "
+        f"which no robot of this size has; {guess}"
+    )
+    return (Notice(code="log.torque-size", text=text, file=file),)
+
+
+_CLEARLY = 0.75
+_ALIKE = 1.3
+"""Times the smallest residual: exchanges below cannot be told apart."""
+_SAMPLES = 500
+_CLEAN_RESIDUAL = 0.03
+"""A relative residual as small as this leaves no room for a doubt in the order."""
+
+_PIECES = 6
+_RIDGE = 1e-4
+"""Of the squared length of the columns."""
+
+Order = tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Exchange:
+    """Columns `first` and `second` (joints) of `what` exchanged: relative residual `before` and `after`."""
+
+    what: str
+    first: int
+    second: int
+    before: float
+    after: float
+
+
+def detect_exchanges(fit: QuickFit, library: Library) -> tuple[Exchange, ...]:
+    """Return the exchanges of columns that explain the torque clearly better, in the order found."""
+    step = max(1, len(fit.q) // _SAMPLES)
+    states = tuple(part[::step] for part in (fit.q, fit.dq, fit.ddq, fit.tau))
+    size = fit.q.shape[1]
+    positions = torques = tuple(range(size))
+    best = _measure_residual(states, library, positions, torques)
+    found: list[Exchange] = []
+    while best > _CLEAN_RESIDUAL and len(found) < size:
+        trials = []
+        for pair in combinations(fit.moving, 2):
+            moved, turned = _swap(positions, pair), _swap(torques, pair)
+            trials += [
+                (_measure_residual(states, library, positions, turned), "torque", pair, positions, turned),
+                (_measure_residual(states, library, moved, torques), "position", pair, moved, torques),
+                (
+                    _measure_residual(states, library, moved, turned),
+                    "position and torque",
+                    pair,
+                    moved,
+                    turned,
+                ),
+            ]
+        if not trials:
+            break
+        residual, _, pair, moved, turned = min(trials, key=lambda trial: trial[0])
+        if residual > _CLEARLY * best:
+            break
+        # To exchange torques or to exchange positions may look alike: joints are then only renamed.
+        alike = [trial[1] for trial in trials if trial[2] == pair and trial[0] <= _ALIKE * residual]
+        what = " or ".join(alike)
+        found.append(Exchange(what=what, first=pair[0], second=pair[1], before=best, after=residual))
+        best, positions, torques = residual, moved, turned
+    return tuple(found)
+
+
+def _swap(order: Order, pair: tuple[int, int]) -> Order:
+    swapped = list(order)
+    swapped[pair[0]], swapped[pair[1]] = order[pair[1]], order[pair[0]]
+    return tuple(swapped)
+
+
+def _measure_residual(
+    states: tuple[FloatArray, ...], library: Library, positions: Order, torques: Order
+) -> float:
+    """Return the mean over joints of |e| / |tau|, of samples that the fit did not see.
+
+    One fit of all joints, each weighted alike, without each of some pieces of the log in turn; a small ridge
+    keeps what the others do not tell at zero.
+    """
+    moved = (np.ascontiguousarray(part[:, list(positions)]) for part in states[:3])
+    rows = evaluate_rows(library, *moved)
+    tau = states[3][:, list(torques)]
+    size = np.linalg.norm(tau, axis=0)
+    weights = 1.0 / np.where(size > 0.0, size, 1.0)
+    matrix, values = rows * weights[:, None], tau * weights
+    lengths = np.sqrt(np.sum(matrix**2, axis=(0, 1)))
+    matrix = matrix / np.where(lengths > 0.0, lengths, 1.0)
+    pieces = np.array_split(np.arange(len(tau)), _PIECES)
+    flat = [matrix[piece].reshape(-1, len(lengths)) for piece in pieces]
+    grams = [part.T @ part for part in flat]
+    sides = [part.T @ values[piece].ravel() for part, piece in zip(flat, pieces, strict=True)]
+    gram, side = sum(grams) + _RIDGE * np.eye(len(lengths)), sum(sides)
+    squares = np.zeros(len(size))
+    for piece, own, right in zip(pieces, grams, sides, strict=True):
+        solution = np.linalg.solve(gram - own, side - right)
+        squares += np.sum((values[piece] - matrix[piece] @ solution) ** 2, axis=0)
+    return float(np.mean(np.sqrt(squares)[size > 0.0])) if size.any() else 0.0
+
+
+def describe_exchanges(exchanges: tuple[Exchange, ...], robot: Robot, file: str) -> tuple[Notice, ...]:
+    """Return a notice that names the exchanges, if there are any."""
+    if not exchanges:
+        return ()
+    names = [repr(joint.name) for joint in robot.axes]
+    told = ", then ".join(
+        f"{entry.what} of {names[entry.first]} and {names[entry.second]}" for entry in exchanges
+    )
+    before, after = 100 * exchanges[0].before, 100 * exchanges[-1].after
+    text = (
+        f"columns of joints look exchanged: {told}; with them in that order a quick fit leaves {after:.3g} % "
+        f"of the torque in place of {before:.3g} %; check the order of the columns in the log and under [log]"
+    )
+    return (Notice(code="log.swapped-joints", text=text, file=file),)
+
+
+_ROUNDS = 6
+_SETTLED = 0.01
+_LARGEST = 0.05
+_DELAY_SURE = 5.0
+_SMALLEST = 0.1
+"""Of a sample period: a delay as small as this does no harm."""
+_RCOND = 1e-10
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TorqueDelay:
+    """Delay of the torque behind the motion in s, its standard deviation; of each moving joint alone."""
+
+    delay: float
+    std: float
+    joints: tuple[float, ...]
+    joint_stds: tuple[float, ...]
+    period: float
+
+    @property
+    def late(self) -> bool:
+        """Return whether there is a delay beyond doubt, of a size that matters."""
+        return _LARGEST > abs(self.delay) > max(_DELAY_SURE * self.std, _SMALLEST * self.period)
+
+
+def estimate_torque_delay(fit: QuickFit) -> TorqueDelay:
+    """Return the delay of the torques of `fit` behind its motion."""
+    weights = _compute_weights(fit)
+    delay, tau = 0.0, fit.tau
+    for _ in range(_ROUNDS):
+        values, replicates = _fit_delays(fit, tau, weights)
+        stds = np.sqrt(_compute_variances(replicates))
+        shares = 1.0 / np.maximum(stds, 1e-9) ** 2
+        shares /= shares.sum()
+        step = float(shares @ values)
+        delay += step
+        if abs(step) < _SETTLED * fit.recording.period or abs(delay) > _LARGEST:
+            break
+        tau = shift_torque(fit, delay)
+    # Joints that disagree by more than their own deviations say that these are too small (Birge 1932).
+    excess = float(np.sum(((values - step) / np.maximum(stds, 1e-9)) ** 2)) / max(1, len(values) - 1)
+    common = float(np.sqrt(_compute_variances(replicates @ shares[:, None])[0]))
+    return TorqueDelay(
+        delay=delay,
+        std=common * max(1.0, excess) ** 0.5,
+        joints=tuple(float(delay - step + value) for value in values),
+        joint_stds=tuple(map(float, stds)),
+        period=fit.recording.period,
+    )
+
+
+def _compute_weights(fit: QuickFit) -> FloatArray:
+    """Return 1 / scatter of every moving joint's residual."""
+    joints = list(fit.moving)
+    size = np.linalg.norm(fit.tau[:, joints], axis=0)
+    weights = 1.0 / np.where(size > 0.0, size, 1.0)
+    errors = _compute_errors(fit, fit.tau, weights)
+    scatter = np.linalg.norm(errors, axis=0) / weights
+    result: FloatArray = 1.0 / np.maximum(scatter, 1e-6 * size + 1e-300)
+    return result
+
+
+def _compute_errors(fit: QuickFit, tau: FloatArray, weights: FloatArray) -> FloatArray:
+    matrix, values = _stack(fit, tau, weights)
+    errors = _list_kept(fit) * (values - matrix @ _solve_kept(fit, matrix, values))
+    return errors.reshape(-1, len(fit.moving))
+
+
+def _stack(fit: QuickFit, tau: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return matrix and values of all moving joints, sample by sample."""
+    joints = list(fit.moving)
+    matrix = fit.rows[:, joints] * weights[:, None]
+    return matrix.reshape(-1, fit.rows.shape[2]), (tau[:, joints] * weights).ravel()
+
+
+def _solve_kept(fit: QuickFit, matrix: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the solution of the rows of joints that move."""
+    keep = _list_kept(fit)
+    return solve_scaled(matrix * keep[:, None], values * keep)
+
+
+def _list_kept(fit: QuickFit) -> FloatArray:
+    return fit.keep[:, list(fit.moving)].ravel()
+
+
+def _fit_delays(fit: QuickFit, tau: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the delay of every moving joint (k,) in s, and those without each block (blocks, k)."""
+    matrix, values = _stack(fit, tau, weights)
+    count = len(fit.moving)
+    smooth = (matrix @ _solve_kept(fit, matrix, values)).reshape(-1, count)
+    slopes = np.zeros((len(smooth), count, count))
+    for block in fit.blocks:
+        slope = np.gradient(smooth[block], fit.period, axis=0)
+        slopes[block, range(count), range(count)] = -slope
+    design = np.column_stack([matrix, slopes.reshape(-1, count), values]) * _list_kept(fit)[:, None]
+    lengths = np.linalg.norm(design, axis=0)
+    scales = np.where(lengths > 0.0, 1.0 / np.where(lengths > 0.0, lengths, 1.0), 0.0)
+    design *= scales
+    grams = np.array([part.T @ part for part in _split(design, fit, count)])
+    back = scales[-count - 1 : -1] / scales[-1]
+    whole = grams.sum(axis=0)
+    replicates = np.array([_solve(whole - gram, count) for gram in grams])
+    return _solve(whole, count) * back, replicates * back
+
+
+def _split(design: FloatArray, fit: QuickFit, count: int) -> list[FloatArray]:
+    return [design[block.start * count : block.stop * count] for block in fit.blocks]
+
+
+def _solve(gram: FloatArray, count: int) -> FloatArray:
+    solution = np.linalg.lstsq(gram[:-1, :-1], gram[:-1, -1], rcond=_RCOND)[0]
+    return np.asarray(solution[-count:], dtype=np.float64)
+
+
+def _compute_variances(replicates: FloatArray) -> FloatArray:
+    spread = replicates - replicates.mean(axis=0)
+    variances: FloatArray = (len(replicates) - 1) / len(replicates) * np.sum(spread**2, axis=0)
+    return variances
+
+
+def describe_delay(found: TorqueDelay, file: str) -> tuple[Notice, ...]:
+    """Return a notice where the torque is not on the motion's clock."""
+    if not found.late:
+        return ()
+    side = "behind" if found.delay > 0.0 else "ahead of"
+    text = (
+        f"the torque is {1e3 * abs(found.delay):.4g} ms {side} the motion (standard deviation "
+        f"{1e3 * found.std:.2g} ms, {abs(found.delay) / found.period:.3g} samples): channels of different "
+        "age, which mixes friction and inertia; shift one of them, or filter far below its inverse"
+    )
+    return (Notice(code="log.torque-delay", text=text, file=file),)

@@ -1,0 +1,178 @@
+"""Measured and predicted torque of a log within a band of frequencies, and the residual there.
+
+Parameters, the library of their model, a recording -> `TorquePrediction` -> `BandResidual`.
+
+    e = L tau - L [Y | Yf] x,    relative residual of a joint: |e|_2 / |L tau|_2
+
+L is a zero-phase Butterworth low-pass of order 4 at the stated band, applied at the full sample rate;
+states come from the filtered position, the torque is the logged one. Half a second at either end is left
+out, where the filter continues what it does not know.
+
+Supported: an estimate of any kind of rows: what is compared is always the torque. Joints that do not move
+and have friction are left out, because dry friction or a brake may hold any torque.
+Not supported: bands above half the sample rate.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from symid.arrays import FloatArray, freeze
+from symid.codegen import Library
+from symid.errors import LogError, Notice
+from symid.identification.estimators import Residual
+from symid.identification.regression import (
+    choose_filters,
+    compute_payload_torque,
+    evaluate_torques,
+    hold_resting_joints,
+    list_resting_joints,
+)
+from symid.logs import Recording, Signals, low_pass, prepare_signals
+from symid.robot import Processing
+
+ENDS = 0.5
+"""Seconds at either end that do not count."""
+_ORDER = 4
+_FEWEST = 20
+"""Samples that must be left."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TorquePrediction:
+    """Measured and predicted torques of one log, both low-passed at `band` Hz.
+
+    Args:
+        joints: names; units: of their torques; position_units: of their positions.
+        time: (N,) s; position, velocity, acceleration: (N, n), not low-passed further.
+        measured, predicted: (N, n) N m or N, joint side, measured without the torque of a known payload.
+        counted: indices of the joints whose torque counts.
+        source: the log.
+    """
+
+    joints: tuple[str, ...]
+    units: tuple[str, ...]
+    position_units: tuple[str, ...]
+    time: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    measured: FloatArray
+    predicted: FloatArray
+    counted: tuple[int, ...]
+    band: float
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        """Copy the arrays and make them read-only."""
+        for name in ("time", "position", "velocity", "acceleration", "measured", "predicted"):
+            object.__setattr__(self, name, freeze(getattr(self, name)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BandResidual:
+    """What a model leaves of a log within a band.
+
+    Args:
+        joints: norm, relative and absolute residual of each joint that counts; `std` is the root mean square.
+        range_percent: of the same joints, the root mean square over the range of the measured torque.
+        band: in Hz.
+    """
+
+    joints: tuple[Residual, ...]
+    range_percent: tuple[float, ...]
+    band: float
+
+    @property
+    def mean_relative_percent(self) -> float:
+        """Return the plain mean over joints of the relative residuals, in percent."""
+        return sum(entry.relative_percent for entry in self.joints) / len(self.joints)
+
+
+def predict_torques(
+    values: FloatArray,
+    library: Library,
+    recording: Recording,
+    processing: Processing,
+    *,
+    band: float,
+    ends: float = ENDS,
+) -> TorquePrediction:
+    """Return measured and predicted torques of `recording`, both low-passed at `band`.
+
+    Args:
+        values: (p,) base parameters and friction, in the order of the library's card.
+        library: the functions of the robot.
+        recording: the log.
+        processing: filter of the positions, and samples cut at either end of the log; its decimation
+            and its low-pass of the torque take no part; a filter that is left open is chosen from the log
+            (`settle_as_fitted` takes that of a fit).
+        band: in Hz.
+        ends: s that do not count, at either end of what is left.
+
+    Raises:
+        LogError: the band does not fit the sample rate, or too little is left of the log.
+    """
+    processing = choose_filters(processing, [recording]).processing
+    resting = list_resting_joints(recording)
+    signals = hold_resting_joints(prepare_signals(recording, processing), resting)
+    left = round(ends / signals.period)
+    if len(signals.time) < 2 * left + _FEWEST:
+        raise LogError(_say_short(recording, signals, ends))
+    kept = slice(left, len(signals.time) - left)
+    first = processing.drop_first
+    torque = recording.torque[first : first + len(signals.time)]
+    load = compute_payload_torque(library, signals, recording)
+    torque = torque if load is None else torque - load
+    joints = library.card.joints
+    measured, predicted = (
+        low_pass(torques, period=signals.period, cutoff=band, order=_ORDER)[kept]
+        for torques in (torque, evaluate_torques(library, signals, values))
+    )
+    return TorquePrediction(
+        joints=tuple(joint.name for joint in joints),
+        units=tuple(joint.torque_unit for joint in joints),
+        position_units=tuple(joint.position_unit for joint in joints),
+        time=signals.time[kept],
+        position=signals.q[kept],
+        velocity=signals.dq[kept],
+        acceleration=signals.ddq[kept],
+        measured=measured,
+        predicted=predicted,
+        counted=tuple(
+            index for index, joint in enumerate(joints) if index not in resting or joint.friction == "none"
+        ),
+        band=band,
+        source=recording.source,
+    )
+
+
+def _say_short(recording: Recording, signals: Signals, ends: float) -> Notice:
+    text = (
+        f"{len(signals.time) * signals.period:.3g} s are left of the log, and {ends:g} s at either end do "
+        "not count: nothing is left to compare within a band; cut off less, or use a longer log"
+    )
+    return Notice(code="validate.short-log", text=text, file=recording.source)
+
+
+def compute_band_residual(prediction: TorquePrediction) -> BandResidual:
+    """Return the residual of every joint that counts."""
+    joints, ranges = [], []
+    for index in prediction.counted:
+        measured = prediction.measured[:, index]
+        error = measured - prediction.predicted[:, index]
+        norm, whole = float(np.linalg.norm(error)), float(np.linalg.norm(measured))
+        scatter = norm / float(np.sqrt(len(error)))
+        spread = float(np.ptp(measured))
+        joints.append(
+            Residual(
+                joint=prediction.joints[index],
+                norm=norm,
+                relative_percent=100.0 * norm / whole if whole else float("inf"),
+                std=scatter,
+                samples=len(error),
+                unit=prediction.units[index],
+            )
+        )
+        ranges.append(100.0 * scatter / spread if spread else float("inf"))
+    return BandResidual(joints=tuple(joints), range_percent=tuple(ranges), band=prediction.band)

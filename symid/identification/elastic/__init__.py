@@ -1,0 +1,74 @@
+"""Identification of robots with elastic joints: dynamics, friction and hysteresis from plain tracking."""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from symid.identification.elastic.elimination import (
+        fit_elimination as fit_elimination,
+        fit_independent as fit_independent,
+        fit_momentum as fit_momentum,
+    )
+    from symid.identification.elastic.estimate import (
+        ElasticEstimate as ElasticEstimate,
+        HistoryEntry as HistoryEntry,
+        MethodFit as MethodFit,
+        MethodOutcome as MethodOutcome,
+        MethodTrial as MethodTrial,
+        SpringEstimate as SpringEstimate,
+        check_elastic_model as check_elastic_model,
+        is_elastic_estimate as is_elastic_estimate,
+        read_elastic_estimate as read_elastic_estimate,
+        write_elastic_estimate as write_elastic_estimate,
+    )
+    from symid.identification.elastic.identify import identify_elastic as identify_elastic
+    from symid.identification.elastic.methods import (
+        ElasticEquations as ElasticEquations,
+        build_elastic_equations as build_elastic_equations,
+        choose_fit as choose_fit,
+        fit_method as fit_method,
+    )
+    from symid.identification.elastic.options import METHODS as METHODS, ElasticOptions as ElasticOptions
+    from symid.identification.elastic.problem import (
+        ElasticProblem as ElasticProblem,
+        build_elastic_problem as build_elastic_problem,
+    )
+    from symid.identification.elastic.regression import (
+        ElasticSignals as ElasticSignals,
+        get_encoder_positions as get_encoder_positions,
+        prepare_elastic_signals as prepare_elastic_signals,
+    )
+    from symid.identification.elastic.routing import (
+        build_motor_recording as build_motor_recording,
+        build_rigid_estimate as build_rigid_estimate,
+        build_rigid_variant as build_rigid_variant,
+        check_settings as check_settings,
+        choose_route as choose_route,
+        cut_logs as cut_logs,
+        get_asked_cutoff as get_asked_cutoff,
+        has_both_encoders as has_both_encoders,
+        list_unused_settings as list_unused_settings,
+        refuse_elasticity as refuse_elasticity,
+        warn_of_rotors as warn_of_rotors,
+    )
+    from symid.identification.elastic.stiffness import (
+        JointStiffness as JointStiffness,
+        StiffnessEstimate as StiffnessEstimate,
+        estimate_stiffness as estimate_stiffness,
+        prepare_aligned as prepare_aligned,
+    )
+    from symid.identification.elastic.uncertainty import (
+        compute_elimination_bound as compute_elimination_bound,
+        compute_spring_bound as compute_spring_bound,
+    )
+    from symid.identification.elastic.validation import (
+        RIGID as RIGID,
+        ElasticTrial as ElasticTrial,
+        JointTrial as JointTrial,
+        TrackingRun as TrackingRun,
+        evaluate_elastic as evaluate_elastic,
+        simulate_tracking as simulate_tracking,
+    )
+else:
+    from symid.lazy import load_names
+
+    __getattr__, __dir__, __all__ = load_names(__name__, __file__)

@@ -1,0 +1,610 @@
+"""Unknowns and cost of the hysteresis-plus-friction problem, exact derivatives, starts, and the covariance.
+
+Model card, grids, NlpOptions -> NlpLayout; NlpRecording, NlpLayout, row weights -> ElasticNlpCost.
+
+    x = [beta, IA, friction | Fs_i, vs_i | k0 .. km of joint 1, .. | slopes c of joint 1, ..]
+    f(x) = 1 / (2 M) sum_b |r_b(x)|^2 / sigma_b^2,   M rows in all, sigma_b of block b
+    H = 1 / M sum_b J_b' J_b / sigma_b^2 + 1 / M sum_b sum_i r_bi / sigma_b^2 d2 r_bi
+    covariance  H^-1 (sum_b g_b g_b') H^-1,  H = sum J'J / sigma^2,  g_b = sum of J'r / sigma^2 over stretch b
+
+The slope of the outer function is one at v = 0, which fixes the scale of the weights, and c_j beyond its
+j-th knee on each side, so that knee j adds c_j - c_j-1: rising and passive means c_j > 0 and k_i >= 0.
+The first term of H alone is the Gauss-Newton Hessian; the second has closed forms too: unknowns meet only
+in products of slopes and weights, at crossings of knees, and in the Stribeck velocity. Rows of all kinds
+within a stretch of time share the same noise (Liang and Zeger 1986); places of stops and knees that the
+data chose count as unknown.
+
+Supported: knees with slopes of their own on both sides, or odd springs whose sides share them; random
+starts from a generator that is passed in; unknowns at bounds or without effect, which count as known in
+the covariance.
+Not supported: bounds on base parameters; starts outside the bounds; doubt about the number of stops and
+knees.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symid.arrays import FloatArray, freeze
+from symid.codegen import ModelCard
+from symid.identification.elastic.nlp_rows import (
+    KneeSteps,
+    NlpOptions,
+    NlpRecording,
+    RowBlock,
+    StepSums,
+    build_knee_steps,
+)
+from symid.identification.elastic.regression import list_lower_bounds
+from symid.joint_models import STRIBECK_PARAMETERS, StribeckCarrier, compute_stribeck_derivatives
+from symid.robot import Elasticity, Knee, Stop
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SpringLayout:
+    """One joint's spring among the unknowns.
+
+    Args:
+        weights: places of k0 .. km; slopes: places of the slopes.
+        thresholds: (m,) of the stops; knees: signed torques.
+        slots: for each knee, the entry of `changes` that it belongs to.
+        changes: (entries, slopes), differences: change of slope = changes @ c + offset.
+        offset: (entries,).
+    """
+
+    weights: slice
+    slopes: slice
+    thresholds: FloatArray
+    knees: tuple[float, ...]
+    slots: tuple[int, ...]
+    changes: FloatArray
+    offset: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NlpLayout:
+    """Places, names and bounds of all unknowns.
+
+    Args:
+        names: of the unknowns.
+        lower, upper: (x,) bounds in SI units.
+        dynamics: places of chi; excess, speed: places of Fs and vs, empty without Stribeck friction.
+        springs: one a joint.
+    """
+
+    names: tuple[str, ...]
+    lower: FloatArray
+    upper: FloatArray
+    dynamics: slice
+    excess: slice
+    speed: slice
+    springs: tuple[SpringLayout, ...]
+
+    @property
+    def size(self) -> int:
+        """Return the number of unknowns."""
+        return len(self.names)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SpringGrid:
+    """What is fixed of one joint's spring.
+
+    Args:
+        thresholds: (m,) of the stops, rad or m; knees: signed torques, N m or N.
+        stiffness: of a linear spring in its place, N m/rad or N/m; weights are bounded by a multiple.
+        reach: largest torsion; a stop that never slips is one with k0, and its weight is fixed at zero.
+    """
+
+    thresholds: FloatArray
+    knees: tuple[float, ...]
+    stiffness: float
+    reach: float
+
+
+def build_layout(card: ModelCard, grids: Sequence[SpringGrid], options: NlpOptions) -> NlpLayout:
+    """Return the unknowns.
+
+    Args:
+        card: names of the dynamic parameters.
+        grids: one a joint.
+        options: bounds, Stribeck friction, odd springs.
+    """
+    joints = range(1, card.size + 1)
+    # A joint whose file states no rotor has one nevertheless, and it is found.
+    rotors = [f"IA{joint}" for joint in joints]
+    names = [*(entry.name for entry in card.beta), *rotors, *(entry.name for entry in card.friction)]
+    lower = [list_lower_bounds(card)]
+    upper = [np.full(len(names), np.inf)]
+    dynamics = slice(0, len(names))
+    excess = speed = slice(len(names), len(names))
+    if options.stribeck:
+        excess = slice(len(names), len(names) + card.size)
+        speed = slice(excess.stop, excess.stop + card.size)
+        names += [f"{parameter.name}{joint}" for parameter in STRIBECK_PARAMETERS for joint in joints]
+        lower += [np.zeros(card.size), np.full(card.size, options.speeds[0])]
+        upper += [np.full(card.size, np.inf), np.full(card.size, options.speeds[1])]
+    springs = []
+    for joint, grid in zip(joints, grids, strict=True):
+        tied = _tie_knees(grid.knees, odd=options.odd)
+        springs.append(_place_spring(grid, tied, len(names)))
+        names += [f"k{stop} of joint {joint}" for stop in range(len(grid.thresholds) + 1)]
+        names += [f"slope beyond {place} of joint {joint}" for place in tied.names]
+        least, limit = (factor * grid.stiffness for factor in (options.least_stiffness, options.weight_limit))
+        count = len(tied.names)
+        lower += [np.array([least]), np.zeros(len(grid.thresholds)), np.full(count, options.slopes[0])]
+        upper += [np.array([limit]), np.where(grid.thresholds < grid.reach, limit, 0.0)]
+        upper += [np.full(count, options.slopes[1])]
+    return NlpLayout(
+        names=tuple(names),
+        lower=freeze(np.concatenate(lower)),
+        upper=freeze(np.concatenate(upper)),
+        dynamics=dynamics,
+        excess=excess,
+        speed=speed,
+        springs=tuple(springs),
+    )
+
+
+def flatten_slopes(layout: NlpLayout, x: FloatArray, undetermined: Sequence[str]) -> FloatArray:
+    """Return x (x,) with the slopes of that name as the ones before them: knees that no torque reaches."""
+    flat = np.array(x)
+    for spring in layout.springs:
+        for entry, place in enumerate(range(spring.slopes.start, spring.slopes.stop)):
+            if layout.names[place] in undetermined:
+                before = np.flatnonzero(spring.changes[entry] < 0.0)
+                flat[place] = flat[spring.slopes.start + before[0]] if before.size else 1.0
+    return flat
+
+
+def build_spring(spring: SpringLayout, values: FloatArray, least: float) -> Elasticity:
+    """Return the spring of the unknowns `values` (x,); weights up to `least` N m/rad are zero."""
+    weights = values[spring.weights]
+    changes = spring.changes @ values[spring.slopes] + spring.offset
+    knees = [
+        Knee(threshold=torque, slope=float(changes[slot]))
+        for torque, slot in sorted(zip(spring.knees, spring.slots, strict=True))
+        if changes[slot]
+    ]
+    return Elasticity(
+        stiffness=float(weights[0]),
+        stops=tuple(
+            Stop(threshold=float(threshold), stiffness=float(weight))
+            for threshold, weight in zip(spring.thresholds, weights[1:], strict=True)
+            if weight > least
+        ),
+        knees=tuple(knees),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _TiedKnees:
+    """Names of the slopes; changes of slope = changes @ slopes + offset; the entry of each knee."""
+
+    names: tuple[str, ...]
+    changes: FloatArray
+    offset: FloatArray
+    slots: tuple[int, ...]
+
+
+def _place_spring(grid: SpringGrid, tied: _TiedKnees, first: int) -> SpringLayout:
+    weights = slice(first, first + len(grid.thresholds) + 1)
+    return SpringLayout(
+        weights=weights,
+        slopes=slice(weights.stop, weights.stop + len(tied.names)),
+        thresholds=freeze(grid.thresholds),
+        knees=grid.knees,
+        slots=tied.slots,
+        changes=tied.changes,
+        offset=tied.offset,
+    )
+
+
+def _tie_knees(knees: tuple[float, ...], *, odd: bool) -> _TiedKnees:
+    """Return how slopes make the knees; on each side from zero outwards."""
+    if odd:
+        sides = [sorted({abs(knee) for knee in knees})]
+    else:
+        sides = [sorted((knee for knee in knees if knee * side > 0), key=abs) for side in (-1.0, 1.0)]
+    order = [knee for side in sides for knee in side]
+    changes = np.eye(len(order))
+    offset = np.zeros(len(order))
+    start = 0
+    for side in sides:
+        for place in range(start, start + len(side)):
+            if place == start:
+                offset[place] = -1.0
+            else:
+                changes[place, place - 1] = -1.0
+        start += len(side)
+    sign = "+-" if odd else ""
+    return _TiedKnees(
+        names=tuple(f"{sign}{knee:.6g}" for knee in order),
+        changes=freeze(changes),
+        offset=freeze(offset),
+        slots=tuple(order.index(abs(knee) if odd else knee) for knee in knees),
+    )
+
+
+Places = NDArray[np.intp]
+_NUMPY = StribeckCarrier(exp=np.exp, sign=np.sign, tanh=np.tanh)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CostState:
+    """What the cost is made of at one x.
+
+    Args:
+        residuals: per block (M_b,) in the unit of its rows; places: unknowns that a block depends on.
+        jacobians: per block (M_b, places), d r / dx.
+        knees: per recording and joint; friction: per recording and joint the step means of g, g', g''.
+    """
+
+    residuals: tuple[FloatArray, ...]
+    places: tuple[Places, ...]
+    jacobians: tuple[FloatArray, ...]
+    knees: tuple[tuple[KneeSteps, ...], ...]
+    friction: tuple[tuple[FloatArray, ...], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ElasticNlpCost:
+    """The cost; `sigmas` holds one scale for each block, in the order of recordings and their blocks."""
+
+    recordings: tuple[NlpRecording, ...]
+    layout: NlpLayout
+    sigmas: tuple[float, ...]
+    smoothing: float = 0.0
+
+    @property
+    def blocks(self) -> tuple[RowBlock, ...]:
+        """Return the blocks of all recordings."""
+        return tuple(block for part in self.recordings for block in part.blocks)
+
+    @property
+    def rows(self) -> int:
+        """Return the number of rows."""
+        return sum(len(block.values) for block in self.blocks)
+
+    def find_state(self, x: FloatArray) -> CostState:
+        """Return residuals and their derivatives at the unknowns x."""
+        residuals: list[FloatArray] = []
+        places: list[Places] = []
+        jacobians: list[FloatArray] = []
+        knees, friction = [], []
+        for part in self.recordings:
+            knees.append(self._find_knees(part, x))
+            friction.append(self._find_friction(part, x))
+            shared = _Shared(self.layout, x, knees[-1], friction[-1])
+            for block in part.blocks:
+                residual, place, jacobian = shared.find_block(block)
+                residuals.append(residual)
+                places.append(place)
+                jacobians.append(jacobian)
+        return CostState(
+            residuals=tuple(residuals),
+            places=tuple(places),
+            jacobians=tuple(jacobians),
+            knees=tuple(knees),
+            friction=tuple(friction),
+        )
+
+    def find_value(self, state: CostState) -> float:
+        """Return f."""
+        parts = zip(state.residuals, self.sigmas, strict=True)
+        return sum(float(r @ r) / sigma**2 for r, sigma in parts) / (2.0 * self.rows)
+
+    def find_gradient(self, state: CostState) -> FloatArray:
+        """Return df/dx (x,)."""
+        gradient = np.zeros(self.layout.size)
+        for r, place, jacobian, sigma in self._walk(state):
+            gradient[place] += jacobian.T @ r / sigma**2
+        return gradient / self.rows
+
+    def find_gauss_newton(self, state: CostState) -> FloatArray:
+        """Return the Hessian (x, x) without second derivatives of the residuals."""
+        hessian = np.zeros((self.layout.size,) * 2)
+        for _, place, jacobian, sigma in self._walk(state):
+            hessian[np.ix_(place, place)] += jacobian.T @ jacobian / sigma**2
+        return hessian / self.rows
+
+    def find_hessian(self, state: CostState, x: FloatArray) -> FloatArray:
+        """Return the exact Hessian (x, x)."""
+        hessian = self.find_gauss_newton(state)
+        pending = list(zip(state.residuals, self.sigmas, strict=True))
+        for part, knees, friction in zip(self.recordings, state.knees, state.friction, strict=True):
+            pulls = np.zeros((len(knees), len(part.speed) - 1))
+            drags = np.zeros_like(pulls)
+            for block in part.blocks:
+                residual, sigma = pending.pop(0)
+                rows = -residual / (sigma**2 * self.rows)
+                for spring in block.springs:
+                    if self.layout.springs[spring.joint].knees:
+                        pulls[spring.joint] += spring.sums.spread(block.sign * rows)
+                for joint, sums in block.friction if friction else ():
+                    drags[joint] += sums.spread(rows)
+            for joint, steps in enumerate(knees):
+                _add_knees(hessian, self.layout.springs[joint], steps, pulls[joint], x)
+            for joint, rates in enumerate(friction):
+                excess, speed = self.layout.excess.start + joint, self.layout.speed.start + joint
+                cross = float(drags[joint] @ rates[:, 1])
+                hessian[excess, speed] += cross
+                hessian[speed, excess] += cross
+                hessian[speed, speed] += x[excess] * float(drags[joint] @ rates[:, 2])
+        return hessian
+
+    def _walk(self, state: CostState) -> Iterator[tuple[FloatArray, Places, FloatArray, float]]:
+        return zip(state.residuals, state.places, state.jacobians, self.sigmas, strict=True)
+
+    def _find_knees(self, part: NlpRecording, x: FloatArray) -> tuple[KneeSteps, ...]:
+        return tuple(
+            build_knee_steps(
+                basis, middle, x[spring.weights], tuple(zip(spring.knees, spring.slots, strict=True))
+            )
+            for spring, basis, middle in zip(self.layout.springs, part.bases, part.middles, strict=True)
+        )
+
+    def _find_friction(self, part: NlpRecording, x: FloatArray) -> tuple[FloatArray, ...]:
+        """Return the step means (N - 1, 3) of g, g' and g'' of every joint with Stribeck friction."""
+        means = []
+        for joint, speed in enumerate(x[self.layout.speed]):
+            rates = compute_stribeck_derivatives(_NUMPY, part.speed[:, joint], speed, self.smoothing)
+            columns = np.column_stack(rates)
+            means.append((columns[1:] + columns[:-1]) / 2.0)
+        return tuple(means)
+
+
+class _Shared:
+    """Rows of knees and friction of one recording, each added up once for all blocks that use them."""
+
+    def __init__(
+        self, layout: NlpLayout, x: FloatArray, knees: Sequence[KneeSteps], friction: Sequence[FloatArray]
+    ) -> None:
+        self.layout, self.x, self.knees, self.friction = layout, x, knees, friction
+        self.known: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}
+        self.steps: dict[int, tuple[FloatArray, FloatArray]] = {}
+
+    def find_block(self, block: RowBlock) -> tuple[FloatArray, Places, FloatArray]:
+        """Return residual, places and Jacobian of a block."""
+        layout, x = self.layout, self.x
+        residual = block.values - block.matrix @ x[layout.dynamics]
+        alive = np.flatnonzero(np.any(block.matrix, axis=0))
+        places, columns = [alive], [-block.matrix[:, alive]]
+        for spring in block.springs:
+            place = layout.springs[spring.joint]
+            torque = spring.columns @ x[place.weights]
+            slope = spring.columns
+            if place.knees:
+                means, bends = self._add_knees(spring.joint, spring.sums)
+                torque = torque + means @ (place.changes @ x[place.slopes] + place.offset)
+                slope = slope + bends
+                places.append(np.arange(place.slopes.start, place.slopes.stop))
+                columns.append(-block.sign * means @ place.changes)
+            residual = residual - block.sign * torque
+            places.append(np.arange(place.weights.start, place.weights.stop))
+            columns.append(-block.sign * slope)
+        for joint, sums in block.friction if self.friction else ():
+            excess, speed = layout.excess.start + joint, layout.speed.start + joint
+            rows = sums.add(self.friction[joint][:, :2])
+            residual = residual - x[excess] * rows[:, 0]
+            places.append(np.array([excess, speed]))
+            columns.append(-rows * np.array([1.0, x[excess]]))
+        return residual, np.concatenate(places), np.hstack(columns)
+
+    def _add_knees(self, joint: int, sums: StepSums) -> tuple[FloatArray, FloatArray]:
+        """Return rows (M, entries) of the dead zones and (M, m + 1) of their derivatives by the weights."""
+        key = (joint, id(sums))
+        if key not in self.known:
+            if joint not in self.steps:
+                place, steps = self.layout.springs[joint], self.knees[joint]
+                changes = place.changes @ self.x[place.slopes] + place.offset
+                self.steps[joint] = steps.find_means(), steps.find_slopes(changes)
+            means, bends = self.steps[joint]
+            self.known[key] = sums.add(means), sums.add(bends)
+        return self.known[key]
+
+
+def _add_knees(
+    hessian: FloatArray, spring: SpringLayout, steps: KneeSteps, pull: FloatArray, x: FloatArray
+) -> None:
+    """Add what the knees of one joint bend to the Hessian, in place; `pull` (N - 1,) multiplies steps."""
+    if not spring.knees:
+        return
+    cross = steps.find_cross(pull) @ spring.changes
+    hessian[spring.weights, spring.slopes] += cross
+    hessian[spring.slopes, spring.weights] += cross.T
+    changes = spring.changes @ x[spring.slopes] + spring.offset
+    hessian[spring.weights, spring.weights] += steps.find_curvature(pull, changes)
+
+
+_FIRST_SHARE = 0.7
+"""Of a linear spring, for k0; the stops begin with equal parts of the rest."""
+_LEAST_SIGMA = 1e-6
+"""Of the size of a block's terms: no rows are trusted more."""
+
+
+def list_weights(spring: Elasticity, thresholds: FloatArray) -> FloatArray:
+    """Return k0 .. km (m + 1,) on the thresholds (m,); a linear spring is shared between them."""
+    whole = spring.initial_stiffness or 0.0
+    if len(thresholds) and not spring.stops:
+        weights = np.full(len(thresholds) + 1, (1.0 - _FIRST_SHARE) * whole / len(thresholds))
+        weights[0] = _FIRST_SHARE * whole
+        return weights
+    known = {stop.threshold: stop.stiffness or 0.0 for stop in spring.stops}
+    return np.array([spring.stiffness or 0.0, *(known.get(float(value), 0.0) for value in thresholds)])
+
+
+def build_start(layout: NlpLayout, chi: FloatArray, springs: Sequence[Elasticity]) -> FloatArray:
+    """Return unknowns (x,) between their bounds: chi, the springs on the grid, no Stribeck friction yet.
+
+    Args:
+        layout: of the unknowns.
+        chi: (p + n + pf,) dynamic parameters.
+        springs: one a joint.
+    """
+    x = np.zeros(layout.size)
+    x[layout.dynamics] = chi
+    x[layout.speed] = np.sqrt(layout.lower[layout.speed] * layout.upper[layout.speed])
+    for place, spring in zip(layout.springs, springs, strict=True):
+        x[place.weights] = list_weights(spring, place.thresholds)
+        changes = np.zeros(len(place.offset))
+        slopes = [_compute_local_slope(spring, knee) for knee in place.knees]
+        changes[list(place.slots)] = slopes
+        x[place.slopes] = changes
+    return np.clip(x, layout.lower, layout.upper)
+
+
+def draw_start(layout: NlpLayout, x: FloatArray, generator: np.random.Generator) -> FloatArray:
+    """Return random unknowns (x,) between their bounds, around the size of the given ones but not close.
+
+    Dynamic parameters between half and twice the given ones, springs likewise with random shares of their
+    stops, slopes between 0.4 and 2.5, Stribeck velocities over their range.
+    """
+    start = np.array(x)
+    count = layout.dynamics.stop
+    start[layout.dynamics] *= 2.0 ** generator.uniform(-1.0, 1.0, size=count)
+    for spring in layout.springs:
+        whole = float(np.sum(x[spring.weights]))
+        shares = generator.dirichlet(np.ones(len(spring.thresholds) + 1))
+        start[spring.weights] = shares * whole * 2.0 ** generator.uniform(-1.0, 1.0)
+        slopes = spring.slopes.stop - spring.slopes.start
+        start[spring.slopes] = 2.5 ** generator.uniform(-1.0, 1.0, size=slopes)
+    start[layout.speed] = np.exp(
+        generator.uniform(np.log(layout.lower[layout.speed]), np.log(layout.upper[layout.speed]))
+    )
+    friction = float(np.max(np.abs(x[layout.dynamics]), initial=0.0))
+    start[layout.excess] = generator.uniform(0.0, friction, size=layout.excess.stop - layout.excess.start)
+    return np.clip(start, layout.lower, layout.upper)
+
+
+def estimate_linear_sigmas(
+    recordings: Sequence[NlpRecording], chi: FloatArray, stiffness: FloatArray
+) -> tuple[float, ...]:
+    """Return the rms residual of every block with linear springs, in the unit of its rows.
+
+    Args:
+        recordings: their rows.
+        chi: (p + n + pf,) dynamic parameters.
+        stiffness: (n,) of the springs.
+    """
+    sigmas = []
+    for block in (block for part in recordings for block in part.blocks):
+        residual = block.values - block.matrix @ chi
+        for spring in block.springs:
+            residual = residual - block.sign * stiffness[spring.joint] * spring.columns[:, 0]
+        sigmas.append(_compute_rms(residual, block.matrix @ chi))
+    return tuple(sigmas)
+
+
+def estimate_sigmas(cost: ElasticNlpCost, x: FloatArray) -> tuple[float, ...]:
+    """Return the rms residual of every block at x, in the unit of its rows."""
+    residuals = cost.find_state(x).residuals
+    return tuple(
+        _compute_rms(residual, block.matrix @ x[cost.layout.dynamics])
+        for residual, block in zip(residuals, cost.blocks, strict=True)
+    )
+
+
+def _compute_rms(residual: FloatArray, loads: FloatArray) -> float:
+    sizes = [float(np.sqrt(np.mean(values**2))) for values in (residual, loads)]
+    return max(sizes[0], _LEAST_SIGMA * sizes[1], 1e-300)
+
+
+def _compute_local_slope(spring: Elasticity, torque: float) -> float:
+    """Return the slope of the outer function just beyond `torque`, away from zero."""
+    side = 1.0 if torque > 0.0 else -1.0
+    passed = [
+        knee.slope for knee in spring.knees if 0.0 < knee.threshold * side <= torque * side * (1 + 1e-12)
+    ]
+    return 1.0 + sum(passed)
+
+
+_STRETCHES = 100
+_NEAR = 1e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NlpEquations:
+    """Normal equations of unknowns x and of places behind them: s = len(x) + places.
+
+    Args:
+        curvature: (s, s) sum of J'J / sigma^2.
+        scores: (stretches, s) sums of J'r / sigma^2 over stretches of time.
+        free: which of them have an effect and stand at no bound.
+    """
+
+    curvature: FloatArray
+    scores: FloatArray
+    free: NDArray[np.intp]
+
+    def find_step(self) -> FloatArray:
+        """Return -H^-1 g (s,), zero where nothing is free."""
+        inverse, lengths = self._invert()
+        step = np.zeros(len(self.curvature))
+        step[self.free] = -(inverse @ (self.scores.sum(axis=0)[self.free] / lengths)) / lengths
+        return step
+
+    def find_covariance(self) -> FloatArray:
+        """Return H^-1 (sum_b g_b g_b') H^-1 (s, s), zero where nothing is free."""
+        inverse, lengths = self._invert()
+        spread = (self.scores[:, self.free] / lengths) @ inverse / lengths
+        covariance = np.zeros_like(self.curvature)
+        covariance[np.ix_(self.free, self.free)] = spread.T @ spread
+        return covariance
+
+    def _invert(self) -> tuple[FloatArray, FloatArray]:
+        """Return the inverse with scaled unknowns, and their scales."""
+        lengths = np.sqrt(np.diag(self.curvature))[self.free]
+        scaled = self.curvature[np.ix_(self.free, self.free)] / np.outer(lengths, lengths)
+        return np.linalg.pinv(scaled, rcond=1e-10, hermitian=True), lengths
+
+
+def compute_nlp_covariance(
+    cost: ElasticNlpCost, x: FloatArray, places: Sequence[Sequence[FloatArray]] = ()
+) -> FloatArray:
+    """Return the covariance (p + n + pf, p + n + pf) of the dynamic parameters at the optimum `x`.
+
+    Args:
+        cost: the problem.
+        x: its unknowns.
+        places: for each stop or knee, the derivative of every block's residuals by its place (M_b,).
+    """
+    dynamics = cost.layout.dynamics
+    return build_normal_equations(cost, x, places).find_covariance()[dynamics, dynamics]
+
+
+def build_normal_equations(
+    cost: ElasticNlpCost, x: FloatArray, places: Sequence[Sequence[FloatArray]] = ()
+) -> NlpEquations:
+    """Return the normal equations at `x`; arguments as those of `compute_nlp_covariance`."""
+    state = cost.find_state(x)
+    size = len(x) + len(places)
+    curvature, scores = np.zeros((size, size)), []
+    entries = iter(zip(state.residuals, state.places, state.jacobians, cost.sigmas, strict=True))
+    number = 0
+    for part in cost.recordings:
+        score = np.zeros((_STRETCHES, size))
+        for _ in part.blocks:
+            residual, known, jacobian, sigma = next(entries)
+            rows = np.zeros((len(residual), size))
+            rows[:, known] = jacobian
+            for column, slopes in enumerate(places, start=len(x)):
+                rows[:, column] = slopes[number]
+            curvature += rows.T @ rows / sigma**2
+            stretch = (np.arange(len(residual)) * _STRETCHES) // len(residual)
+            np.add.at(score, stretch, rows * (residual / sigma**2)[:, None])
+            number += 1
+        scores.append(score)
+    free = _mask_free(cost, x, np.sqrt(np.diag(curvature)))
+    return NlpEquations(curvature=curvature, scores=np.vstack(scores), free=np.flatnonzero(free))
+
+
+def _mask_free(cost: ElasticNlpCost, x: FloatArray, lengths: FloatArray) -> NDArray[np.bool_]:
+    """Return which unknowns, places of stops and knees behind them, have an effect and stand at no bound."""
+    layout = cost.layout
+    reach = np.maximum(np.abs(x), 1e-12)
+    inside: NDArray[np.bool_] = (x - layout.lower > _NEAR * reach) & (layout.upper - x > _NEAR * reach)
+    places = np.ones(len(lengths) - len(x), dtype=bool)
+    return np.concatenate([inside, places]) & (lengths > 0.0)

@@ -1,0 +1,429 @@
+"""From recordings of both encoders to equations: filtered states, filtered rows, energy rows, kept signs.
+
+Recording, ElasticOptions -> ElasticSignals -> FilteredRows, EnergyWindows; equations -> parameters with
+bounds.
+
+Where velocities from raw differences are exact enough, nothing is filtered and tau[k] is the torque over
+[t_k, t_k+1]. Otherwise all signals pass the same zero-phase low-pass, and tau[k] is the mean of the two
+torques that meet at t_k: a torque that is held acts half a period later than its sample says. With F(s) =
+lambda / (s + lambda), x~ = x - x(0), p = Yp beta and dL/dq = YL beta (Slotine and Li 1987 for the
+filter):
+
+    link         {lambda (Yp~ - F[Yp~]) - F[YL]} beta = F[tau_J]
+    motor        IA lambda (dtheta~ - F[dtheta~]) + F[Yf] f + F[tau_J] = F[tau]
+    elimination  their sum: tau_J cancels, whatever the spring is
+    energy       sum_i int tau_i dtheta_i - sum_i int tau_Ji dphi_i
+                     = Delta h_link beta + sum_i IA_i Delta(dtheta_i^2) / 2 + int dtheta' Yf f dt
+
+The energy row is the motor equation times dtheta plus the link equation times dq, over a window: no
+acceleration is left. While fitting, rotor inertias, friction and springs are not negative; the mass
+matrix is checked afterwards.
+
+Supported: torques held between samples, sampled smooth signals; joints at rest (put at their mean
+position); friction that is linear in its parameters; equations that do not identify all parameters
+(shortest solution).
+Not supported: one encoder only; delays between the channels (align the recording first); friction on the
+link side; full physical consistency of the links.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symid.arrays import FloatArray, freeze
+from symid.codegen import Library, ModelCard
+from symid.errors import LogError, Notice, UsageError
+from symid.identification.elastic.options import ElasticOptions, check_grids
+from symid.identification.regression import RankRule, list_resting_joints
+from symid.joint_models import compute_spring_work, compute_work_columns
+from symid.logs import Recording, describe_uneven, differentiate, low_pass
+from symid.robot import Elasticity
+
+_ORDER = 4
+_CUTOFF = 25.0
+"""Hz; ten times and more above what arms are moved with for identification."""
+_LEAST_RATIO = 10.0
+"""Of the sample rate to the cut-off."""
+_EXACT = 3e-4
+"""Velocities from raw differences with less relative noise are left unfiltered."""
+_EDGE = 4.0
+"""Periods of the cut-off frequency that the ends of a filtered signal are not trusted for."""
+_LATEST = 0.25
+"""Part of a recording that may pass at most before rows begin."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ElasticSignals:
+    """States and torques at full rate; the end is cut, the beginning is kept for the memory of plays.
+
+    Args:
+        time: (N,) s; q, dq, theta, dtheta, tau: (N, n) SI.
+        period: s.
+        settled: first sample of rows; plays run from sample 0.
+        hold: "zero" where tau[k] acts over [t_k, t_k+1], "first" where it is a sampled smooth signal.
+        cutoff: of the low-pass in Hz, 0 for none.
+    """
+
+    time: FloatArray
+    q: FloatArray
+    dq: FloatArray
+    theta: FloatArray
+    dtheta: FloatArray
+    tau: FloatArray
+    period: float
+    settled: int
+    hold: str
+    cutoff: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Copy the arrays and make them read-only."""
+        for name in ("time", "q", "dq", "theta", "dtheta", "tau"):
+            object.__setattr__(self, name, freeze(getattr(self, name)))
+
+    @property
+    def phi(self) -> FloatArray:
+        """Return the torsions theta - q (N, n)."""
+        return self.theta - self.q
+
+
+def prepare_elastic_signals(recording: Recording, options: ElasticOptions) -> ElasticSignals:
+    """Return states and torques of `recording`, filtered alike, differentiated, the end cut.
+
+    Raises:
+        LogError: the recording lacks one of the encoders, is too short or unevenly sampled.
+        UsageError: thresholds or knees are given for another number of joints.
+    """
+    motor, link = _settle_resting(recording)
+    check_grids(options, recording.torque.shape[1])
+    uneven = describe_uneven(recording.time, file=recording.source)
+    if uneven is not None:
+        raise LogError(uneven)
+    period = recording.period
+    cutoff = choose_elastic_cutoff(recording) if options.cutoff is None else options.cutoff
+    edge = int(np.ceil(_EDGE / (cutoff * period))) if cutoff else 1
+    if len(recording.time) <= 4 * edge + 16:
+        raise LogError(_describe_short(recording, 4 * edge + 17))
+    tau = recording.torque
+    if cutoff:
+        held = np.vstack([tau[:1], (tau[1:] + tau[:-1]) / 2.0])
+        motor, link, tau = (
+            low_pass(values, period=period, cutoff=cutoff, order=_ORDER) for values in (motor, link, held)
+        )
+    kept = slice(0, len(recording.time) - edge)
+    phi = motor - link
+    return ElasticSignals(
+        time=recording.time[kept],
+        q=link[kept],
+        dq=differentiate(link, period)[kept],
+        theta=motor[kept],
+        dtheta=differentiate(motor, period)[kept],
+        tau=tau[kept],
+        period=period,
+        settled=max(edge, _locate_start(phi[kept], period, options)),
+        hold="first" if cutoff else "zero",
+        cutoff=cutoff,
+    )
+
+
+def choose_elastic_cutoff(recording: Recording) -> float:
+    """Return the cut-off in Hz of the low-pass that the encoders' noise asks for, 0 for none.
+
+    The noise is taken from third differences d, sigma = |d|_rms / sqrt(20); that of a velocity by central
+    differences is sigma / (sqrt(2) T).
+    """
+    worst = 0.0
+    for position in get_encoder_positions(recording):
+        noise = np.sqrt(np.mean(np.diff(position, n=3, axis=0) ** 2, axis=0) / 20.0)
+        speed = np.sqrt(np.mean(np.diff(position, axis=0) ** 2, axis=0)) / recording.period
+        velocity_noise = noise / (np.sqrt(2.0) * recording.period)
+        # A joint at rest has no speed to compare with; the fastest joint gives the scale.
+        worst = max(worst, float(np.max(velocity_noise) / max(float(np.max(speed)), 1e-300)))
+    if worst < _EXACT:
+        return 0.0
+    return min(_CUTOFF, 1.0 / (_LEAST_RATIO * recording.period))
+
+
+def locate_settled(phi: FloatArray, threshold: float) -> int:
+    """Return the first sample at which the range of `phi` (N,) so far has reached 2 `threshold`, or its end.
+
+    From there on the state of every play up to that radius is known, whatever it was before.
+    """
+    span = np.maximum.accumulate(phi) - np.minimum.accumulate(phi)
+    goal = min(2.0 * threshold, 0.95 * float(span[-1]))
+    return int(np.argmax(span >= goal))
+
+
+def _settle_resting(recording: Recording) -> tuple[FloatArray, FloatArray]:
+    """Return motor and link positions, those of joints at rest on both sides at their means."""
+    motor, link = get_encoder_positions(recording)
+    sides = [replace(recording, position=side, motor_position=None) for side in (motor, link)]
+    resting = sorted(set.intersection(*(set(list_resting_joints(side)) for side in sides)))
+    if resting:
+        motor, link = motor.copy(), link.copy()
+        for side in (motor, link):
+            side[:, resting] = side[:, resting].mean(axis=0)
+    return motor, link
+
+
+def _locate_start(phi: FloatArray, period: float, options: ElasticOptions) -> int:
+    """Return the sample at which plays are settled and filters have forgotten their start."""
+    count = options.stops
+    starts = [int(np.ceil(5.0 / (options.rate * period)))]
+    for joint in range(phi.shape[1]):
+        if options.thresholds is not None:
+            grid = options.thresholds[joint]
+            largest = max(grid) if grid else 0.0
+        else:
+            largest = count / (count + 1.0) * float(np.abs(phi[:, joint]).max())
+        starts.append(locate_settled(phi[:, joint], largest))
+    return min(max(starts), max(starts[0], int(_LATEST * len(phi))))
+
+
+def get_encoder_positions(recording: Recording) -> tuple[FloatArray, FloatArray]:
+    """Return motor and link positions.
+
+    Raises:
+        LogError: one of them is missing.
+    """
+    if recording.motor_position is not None:
+        return recording.motor_position, recording.position
+    if recording.link_position is not None:
+        return recording.position, recording.link_position
+    text = (
+        "torsion is the difference of motor and link positions, and this log has only one of them: name the "
+        "other column in [log.motor_position] or [log.link_position], or identify what the motor side alone "
+        "can tell"
+    )
+    raise LogError(Notice(code="elastic.one-encoder", text=text, file=recording.source))
+
+
+def _describe_short(recording: Recording, least: int) -> Notice:
+    text = f"the log has {len(recording.time)} samples; filter and cut ends need {least} at least"
+    return Notice(code="log.too-short", text=text, file=recording.source)
+
+
+_ROW_RATE = 500.0
+"""Rows a second in Hz: many times the band that the filter passes."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FilteredRows:
+    """Motor and link equations of one recording, at the samples `keep`.
+
+    Args:
+        motor: (M, n, n + pf), columns [rotor | friction]; link: (M, n, p).
+        torque: (M, n), F[tau] in N m or N.
+        keep: the samples of the signals that rows belong to.
+    """
+
+    motor: FloatArray
+    link: FloatArray
+    torque: FloatArray
+    keep: slice
+
+    def __post_init__(self) -> None:
+        """Copy the arrays and make them read-only."""
+        for name in ("motor", "link", "torque"):
+            object.__setattr__(self, name, freeze(getattr(self, name)))
+
+    @property
+    def elimination(self) -> FloatArray:
+        """Return the design (M, n, p + n + pf) of the sum of both equations; its right side is `torque`."""
+        return np.concatenate([self.link, self.motor], axis=2)
+
+    def find_motor_side(self, drive: FloatArray) -> FloatArray:
+        """Return F[tau_J] (M, n) by the motor equation; `drive` = [rotor; friction]."""
+        side: FloatArray = self.torque - self.motor @ drive
+        return side
+
+    def find_link_side(self, beta: FloatArray) -> FloatArray:
+        """Return F[tau_J] (M, n) by the link equation."""
+        side: FloatArray = self.link @ beta
+        return side
+
+
+def filter_held(values: FloatArray, rate: float, period: float) -> FloatArray:
+    """Return F[values] (N, ...) of a signal that values[k] holds over [t_k, t_k+1], from rest.
+
+    y_k = a y_k-1 + (1 - a) x_k-1, a = exp(-rate period); rate in rad/s, period in s.
+    """
+    from scipy.signal import lfilter
+
+    decay = np.exp(-rate * period)
+    result: FloatArray = lfilter([0.0, 1.0 - decay], [1.0, -decay], values, axis=0)
+    return result
+
+
+def filter_smooth(values: FloatArray, rate: float, period: float) -> FloatArray:
+    """Return F[values] (N, ...) of a signal that is a straight line between samples, from rest.
+
+    y_k = a y_k-1 + g x_k + (1 - a - g) x_k-1, g = 1 - (1 - a) / (rate period), a = exp(-rate period).
+    """
+    from scipy.signal import lfilter
+
+    decay = np.exp(-rate * period)
+    ahead = 1.0 - (1.0 - decay) / (rate * period)
+    start = -ahead * values[:1]
+    result: FloatArray = lfilter([ahead, 1.0 - decay - ahead], [1.0, -decay], values, axis=0, zi=start)[0]
+    return result
+
+
+def build_filtered_rows(library: Library, signals: ElasticSignals, rate: float) -> FilteredRows:
+    """Return the filtered equations of one recording.
+
+    Args:
+        library: functions of the robot; those of q speak of the links, friction of the motors.
+        signals: states and torque at full rate.
+        rate: lambda in rad/s.
+    """
+    period = signals.period
+    step = max(1, int(1.0 / (_ROW_RATE * period) + 1e-9))
+    keep = slice(signals.settled, None, step)
+
+    def low(values: FloatArray) -> FloatArray:
+        return filter_smooth(values, rate, period)
+
+    (momentum,) = library.evaluate("momentum_regressor", signals.q, signals.dq)
+    (lagrange,) = library.evaluate("lagrange_regressor", signals.q, signals.dq)
+    momentum = momentum - momentum[0]
+    link = (rate * (momentum - low(momentum)) - low(lagrange))[keep]
+    speed = signals.dtheta - signals.dtheta[0]
+    rotor = (rate * (speed - low(speed)))[keep]
+    motor = [rotor[:, :, None] * np.eye(library.card.size)]
+    if library.card.friction:
+        (friction,) = library.evaluate("friction_regressor", signals.dtheta)
+        motor.append(low(friction)[keep])
+    torque = filter_held(signals.tau, rate, period) if signals.hold == "zero" else low(signals.tau)
+    return FilteredRows(motor=np.concatenate(motor, axis=2), link=link, torque=torque[keep], keep=keep)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class EnergyWindows:
+    """Energy equations of one recording, one a window.
+
+    Args:
+        supplied: (m,) J, the work of the motors.
+        design: (m, p + n + pf), columns [beta | rotor | friction].
+        ends: (m + 1,) samples of the signals at which windows begin and end.
+    """
+
+    supplied: FloatArray
+    design: FloatArray
+    ends: slice
+
+    def __post_init__(self) -> None:
+        """Copy the arrays and make them read-only."""
+        for name in ("supplied", "design"):
+            object.__setattr__(self, name, freeze(getattr(self, name)))
+
+
+def build_energy_windows(library: Library, signals: ElasticSignals, length: float) -> EnergyWindows:
+    """Return the energy equations of one recording in windows of `length` s.
+
+    Raises:
+        UsageError: a window is shorter than a sample or longer than the recording.
+    """
+    ends = _locate_window_ends(signals, length)
+    turn = np.diff(signals.theta, axis=0)
+    # A held torque's work is exact with the torque of the step's start.
+    torque = signals.tau[:-1] if signals.hold == "zero" else (signals.tau[1:] + signals.tau[:-1]) / 2.0
+    supplied = _add_up(np.sum(torque * turn, axis=1), ends)
+    kinetic, potential = library.evaluate("energy_regressor", signals.q[ends], signals.dq[ends])
+    columns = [
+        np.diff(kinetic + potential, axis=0),
+        np.diff(signals.dtheta[ends] ** 2, axis=0) / 2.0,
+    ]
+    if library.card.friction:
+        (friction,) = library.evaluate("friction_regressor", signals.dtheta)
+        middle = (friction[1:] + friction[:-1]) / 2.0
+        columns.append(_add_up(np.einsum("ij,ijk->ik", turn, middle), ends))
+    return EnergyWindows(supplied=supplied, design=np.hstack(columns), ends=ends)
+
+
+def compute_window_work(
+    elasticity: Sequence[Elasticity], signals: ElasticSignals, rows: EnergyWindows
+) -> FloatArray:
+    """Return the work int tau_J dphi of all springs in every window (m,), J."""
+    total = np.zeros(len(rows.supplied))
+    phi = signals.phi
+    for joint, spring in enumerate(elasticity):
+        total += np.diff(compute_spring_work(spring, phi[:, joint])[rows.ends])
+    return total
+
+
+def compute_window_columns(
+    thresholds: Sequence[FloatArray], signals: ElasticSignals, rows: EnergyWindows
+) -> FloatArray:
+    """Return the work per unit stiffness in every window (m, sum (m_i + 1)), joint by joint."""
+    phi = signals.phi
+    columns = [
+        np.diff(compute_work_columns(phi[:, joint], grid)[rows.ends], axis=0)
+        for joint, grid in enumerate(thresholds)
+    ]
+    return np.hstack(columns)
+
+
+def _locate_window_ends(signals: ElasticSignals, length: float) -> slice:
+    intervals = round(length / signals.period)
+    count = (len(signals.time) - 1 - signals.settled) // intervals if intervals else 0
+    if count < 1:
+        span = (len(signals.time) - 1 - signals.settled) * signals.period
+        text = (
+            f"window of {length:g} s: must be at least one sample period ({signals.period:g} s) and at most "
+            f"the part of the recording that rows come from ({span:g} s)"
+        )
+        raise UsageError(Notice(code="usage.window", text=text))
+    return slice(signals.settled, signals.settled + count * intervals + 1, intervals)
+
+
+def _add_up(steps: FloatArray, ends: slice) -> FloatArray:
+    """Return the sums of `steps` (N - 1, ...) over every window."""
+    total = np.concatenate([np.zeros((1, *steps.shape[1:])), np.cumsum(steps, axis=0)])
+    return np.diff(total[ends], axis=0)
+
+
+def list_lower_bounds(card: ModelCard, extra: int = 0) -> FloatArray:
+    """Return the least value (p + n + pf + extra,) of every parameter: zero, or minus infinity.
+
+    Zero bounds rotor inertias, friction other than an offset, and the `extra` stiffnesses at the end.
+    """
+    free = [-np.inf] * len(card.beta)
+    friction = [0.0 if entry.name.startswith(("Fv", "Fc")) else -np.inf for entry in card.friction]
+    return np.array(free + [0.0] * card.size + friction + [0.0] * extra)
+
+
+def solve_with_signs(card: ModelCard, matrix: FloatArray, right: FloatArray) -> FloatArray:
+    """Return argmin |matrix x - right| (p,), x = [chi; stiffnesses], not below its bounds.
+
+    By QR with columns scaled to length one; the bounded problem is solved only where a bound is broken.
+    Columns and directions that count as not seen (`RankRule`) get zero.
+
+    Args:
+        card: names the parameters of chi; columns beyond it are stiffnesses.
+        matrix: (m, p).
+        right: (m,).
+    """
+    count = matrix.shape[1]
+    lengths = np.linalg.norm(matrix, axis=0)
+    rule = RankRule()
+    alive: NDArray[np.bool_] = lengths > rule.zero * max(float(lengths.max(initial=0.0)), 1e-300)
+    scales = np.where(alive, lengths, 1.0)
+    columns = np.where(alive, matrix, 0.0) / scales
+    triangle: FloatArray = np.asarray(np.linalg.qr(np.column_stack([columns, right]), mode="r"))
+    answer = np.linalg.lstsq(triangle[:, :count], triangle[:, count], rcond=rule.singular)
+    # What is not seen is zero, not what rounding makes of it: its sign would let bounds act.
+    solution: FloatArray = np.where(alive, answer[0] / scales, 0.0)
+    low = list_lower_bounds(card, count - len(card.beta) - card.size - len(card.friction))
+    if np.all(solution >= low):
+        return solution
+    from scipy.optimize import lsq_linear
+
+    left, values = triangle[:, :count], triangle[:, count]
+    if answer[2] < count:
+        # Of the many solutions the bounded problem must take a short one too; this hardly weighs elsewhere.
+        left = np.vstack([left, rule.singular * answer[3][0] * np.eye(count)])
+        values = np.concatenate([values, np.zeros(count)])
+    bounded: FloatArray = lsq_linear(left, values, bounds=(low * scales, np.inf), method="bvls").x / scales
+    return np.where(alive, bounded, 0.0)

@@ -1,0 +1,603 @@
+"""Stiffness of joints from the gravity that bends them, with an interval or a reason; encoder alignment.
+
+Library, recordings of both encoders -> Alignment, aligned recordings; StiffnessEstimate.
+
+    tau = [Y | ddtheta | Yf] x             joint torques, rotors of elastic joints, friction: least squares
+    gravity = Y(q, 0, 0) beta,             motion = Y(q, dq, ddq) beta - gravity
+    theta - q = c gravity + b motion + a ddtheta + s tanh(dtheta / v) + d dtheta + offset,    k = 1 / c
+
+Only gravity gives the torque of a spring an absolute scale: torques of acceleration are those of rotor
+and link in unknown shares, and friction takes its part before the spring. Torques of motion,
+accelerations, velocities and directions have coefficients of their own, so that errors of inertias,
+friction and delay do not reach the compliance. Sums over samples are made once a block of a second;
+leaving a block out subtracts them, and the rigid robot is fitted anew without it. Standard deviations are
+those of this jackknife; runs are averaged with the inverse of their variances, and where they differ by
+more, deviations are enlarged by the Birge ratio. The interval holds with 95 %. The alignment lets the
+torsion follow gravity, motion, and plays of their sum. Positions are those of the motors: what torsion
+changes in the regressors is of second order.
+
+Supported: rigid and elastic robots, any number of runs; joints without a link encoder are refused by
+name; joints that gravity does not load have a compliance of zero.
+Not supported: hysteresis and damping; parameters one by one; weights of samples.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+
+from symid.arrays import FloatArray, freeze
+from symid.codegen import JointCard, Library
+from symid.errors import LogError, Notice
+from symid.joint_models import compute_plays
+from symid.logs import (
+    Alignment,
+    Encoders,
+    Recording,
+    align,
+    differentiate,
+    estimate_alignment,
+    get_encoders,
+    keep_significant,
+    low_pass,
+    shift_link_channel,
+    split_blocks,
+)
+
+_CUTOFF = 10.0
+_LEAST_RATIO = 10.0
+_ORDER = 4
+_EDGE = 0.5
+_PLAYS = (0.05, 0.1, 0.2, 0.35, 0.55)
+"""Radii of plays as parts of the largest torque."""
+_REVERSAL = 0.02
+"""Of the largest speed: the width of a change of direction."""
+_ROUNDS = 3
+_RANK = 1e-7
+_ROUNDING = 1e-9
+"""Of a joint's largest torque."""
+_PASSES = 8
+_STEADY = 1e-5
+"""Rad, m or s: gravity at a zero and a time that are wrong by less is right."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RigidRows:
+    """The rigid robot's equations over one recording, at full rate.
+
+    Args:
+        encoders: low-passed positions; period: s.
+        speed, acceleration: (N, n) of the motors.
+        still, whole: (N, n, p) regressors at rest and in motion, of the base parameters.
+        extra: (N, n, r) columns of rotors and friction.
+        torque: (N, n) measured, low-passed alike.
+        blocks: of about a second, for the jackknife.
+    """
+
+    encoders: Encoders
+    period: float
+    speed: FloatArray
+    acceleration: FloatArray
+    still: FloatArray
+    whole: FloatArray
+    extra: FloatArray
+    torque: FloatArray
+    blocks: tuple[slice, ...]
+
+
+def build_rigid_rows(
+    library: Library, recording: Recording, *, cutoff: float = _CUTOFF, block: float = 1.0
+) -> RigidRows:
+    """Return the equations of one recording.
+
+    Args:
+        library: the robot's functions.
+        recording: with both encoders.
+        cutoff: of the zero-phase low-pass in Hz, at most a tenth of the sample rate.
+        block: length of a block in s.
+
+    Raises:
+        LogError: the recording has one encoder only.
+    """
+    found, period = get_encoders(recording), recording.period
+    cutoff = min(cutoff, 1.0 / (_LEAST_RATIO * period))
+    theta, q, torque = (
+        low_pass(values, period=period, cutoff=cutoff, order=_ORDER)
+        for values in (found.theta, found.q, recording.torque)
+    )
+    speed = differentiate(theta, period)
+    acceleration = differentiate(speed, period)
+    link = np.where(found.present, q, theta)
+    rest = np.zeros_like(link)
+    link_speed = differentiate(link, period)
+    (still,) = library.evaluate("torque_regressor", link, rest, rest)
+    (whole,) = library.evaluate("torque_regressor", link, link_speed, differentiate(link_speed, period))
+    extra = [_spread(acceleration)] if library.card.rotors else []
+    if library.card.friction:
+        # Dry friction changes its sign faster than the low-pass lets pass: friction first, then the filter.
+        (friction,) = library.evaluate("friction_regressor", _compute_fast_speed(found, recording))
+        extra.append(low_pass(friction, period=period, cutoff=cutoff, order=_ORDER))
+    empty = np.zeros((*theta.shape, 0))
+    return RigidRows(
+        encoders=Encoders(theta=theta, q=q, present=found.present),
+        period=period,
+        speed=speed,
+        acceleration=acceleration,
+        still=still,
+        whole=whole,
+        extra=np.concatenate([empty, *extra], axis=2),
+        torque=torque,
+        blocks=split_blocks(len(theta), period, _EDGE, block),
+    )
+
+
+def _spread(values: FloatArray) -> FloatArray:
+    """Return (N, n) as (N, n, n), column j in row j."""
+    spread = np.zeros((*values.shape, values.shape[1]))
+    joints = np.arange(values.shape[1])
+    spread[:, joints, joints] = values
+    return spread
+
+
+def _compute_fast_speed(found: Encoders, recording: Recording) -> FloatArray:
+    fast = min(4.0 * _CUTOFF, 1.0 / (_LEAST_RATIO * recording.period))
+    theta = low_pass(found.theta, period=recording.period, cutoff=fast, order=_ORDER)
+    return differentiate(theta, recording.period)
+
+
+def fit_rigid(grams: FloatArray, weights: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+    """Return the parameters x (k,) and the joints' residuals (n,), root sums of squares.
+
+    Args:
+        grams: (n, k + 1, k + 1) of [A_j | tau_j], summed over blocks.
+        weights: (n,) of the joints; by their residuals, iterated, where None.
+    """
+    rounds = _ROUNDS if weights is None else 1
+    weights = np.ones(len(grams)) if weights is None else weights
+    for _ in range(rounds):
+        whole = np.einsum("j,jkl->kl", weights, grams)
+        inner, right = whole[:-1, :-1], whole[:-1, -1]
+        lengths = np.sqrt(np.diag(inner))
+        scales = np.where(lengths > 0.0, lengths, 1.0)
+        values, vectors = np.linalg.eigh(inner / np.outer(scales, scales))
+        seen = values > _RANK**2 * max(values[-1], 1e-300)
+        part = vectors[:, seen]
+        x = (part @ ((part.T @ (right / scales)) / values[seen])) / scales
+        left = np.append(x, -1.0)
+        squares = np.maximum(np.einsum("k,jkl,l->j", left, grams, left), 0.0)
+        squares = np.maximum(squares, 1e-18 * grams[:, -1, -1] + 1e-300)
+        if rounds > 1:
+            weights = 1.0 / squares
+    return x, np.sqrt(squares)
+
+
+def compute_rigid_grams(rows: RigidRows) -> FloatArray:
+    """Return the Gram matrices (blocks, n, k + 1, k + 1) of [whole | extra | torque]."""
+    design = np.concatenate([rows.whole, rows.extra, rows.torque[:, :, None]], axis=2)
+    return np.array(
+        [[design[part, j].T @ design[part, j] for j in range(design.shape[1])] for part in rows.blocks]
+    )
+
+
+def estimate_torsion_alignment(library: Library, recordings: Sequence[Recording]) -> Alignment:
+    """Return delay and offsets of the link encoders, the torsion following the robot's own torques.
+
+    Torques depend on where the links are, so that they are found again with the encoders moved, until delay
+    and offsets rest.
+
+    Raises:
+        LogError: see `estimate_alignment`.
+    """
+    moved = tuple(recordings)
+    used, delay = np.zeros((len(recordings), library.card.size)), 0.0
+    for _ in range(_PASSES):
+        columns = list_torsion_columns([build_rigid_rows(library, recording) for recording in moved])
+        found = estimate_alignment(recordings, columns)
+        offsets = np.nan_to_num(found.offsets, nan=0.0)
+        change = max(float(np.max(np.abs(offsets - used))), abs(found.delay - delay))
+        if change < _STEADY:
+            break
+        used, delay = offsets, found.delay
+        moved = tuple(
+            shift_link_channel(recording, found, run=run) for run, recording in enumerate(recordings)
+        )
+    return found
+
+
+def prepare_aligned(
+    library: Library, recordings: Sequence[Recording]
+) -> tuple[tuple[Recording, ...], Alignment | None, tuple[Notice, ...]]:
+    """Return the recordings with delay and offsets of their link encoders taken out, if there are any.
+
+    What may as well be zero is left alone, and so is a zero that cannot be told; notices say so. Recordings
+    that are too short to tell are returned as they are.
+
+    Raises:
+        LogError: a recording has one encoder only, no joint has both encoders, or the delay is beyond what is
+            searched.
+    """
+    try:
+        found = estimate_torsion_alignment(library, recordings)
+    except LogError as error:
+        if {notice.code for notice in error.notices} != {"log.short-alignment"}:
+            raise
+        told = tuple(replace(notice, text=f"{notice.text}; it was taken as none") for notice in error.notices)
+        return tuple(recordings), None, told
+    unknown = warn_of_unknown_offsets(found, [joint.name for joint in library.card.joints])
+    kept = keep_significant(found)
+    if kept is None:
+        return tuple(recordings), found, (_describe_alignment(found), *unknown)
+    moved = tuple(align(recording, kept, run=run) for run, recording in enumerate(recordings))
+    return moved, kept, (*(recording.notices[-1] for recording in moved), *unknown)
+
+
+def _describe_alignment(found: Alignment) -> Notice:
+    text = (
+        f"delay between the encoders: {1e3 * found.delay:.3g} ms (standard deviation "
+        f"{1e3 * found.delay_std:.2g} ms)"
+    )
+    if np.all(np.isnan(found.offsets)):
+        return Notice(code="log.in-line", text=f"{text}: it may be zero, and nothing was moved")
+    text += (
+        f", zero offsets up to {np.nanmax(np.abs(found.offsets)):.2g} ({np.nanmax(found.offset_stds):.2g})"
+    )
+    return Notice(code="log.in-line", text=f"{text}: both may be zero, and nothing was moved")
+
+
+def warn_of_unknown_offsets(alignment: Alignment, joints: Sequence[str]) -> tuple[Notice, ...]:
+    """Return a notice on link encoders whose zero cannot be told; `joints` are the names of all."""
+    names = [repr(name) for name, unknown in zip(joints, alignment.unknown, strict=True) if unknown]
+    if not names:
+        return ()
+    text = (
+        f"joint{'s'[: len(names) > 1]} {', '.join(names)}: the torque of gravity hardly changes in some log, "
+        "so that a zero offset of its link encoder looks like its torsion; the offset was left alone: "
+        "set the zero with the joint unloaded, or move it to where gravity pulls otherwise"
+    )
+    return (Notice(code="log.offset-unknown", text=text),)
+
+
+def list_torsion_columns(runs: Sequence[RigidRows]) -> list[FloatArray]:
+    """Return for each recording what the torsion may follow, (N, n, 7), all of one scale.
+
+    Gravity, the torque of motion, plays of their sum, the direction of motion, the acceleration: torques with
+    a memory of their turning points are what hysteresis follows, and the rest what a fit of torques errs by.
+    """
+    grams = np.concatenate([compute_rigid_grams(rows) for rows in runs])
+    x, _ = fit_rigid(grams.sum(axis=0))
+    count = runs[0].whole.shape[2]
+    peak = np.max([np.max(np.abs(rows.whole @ x[:count]), axis=0) for rows in runs], axis=0)
+    scale = np.where(peak > 0.0, peak, 1.0)
+    width = compute_reversal_widths(runs)
+    return [_list_columns(rows, x[:count], scale, width) for rows in runs]
+
+
+def compute_reversal_widths(runs: Sequence[RigidRows]) -> FloatArray:
+    """Return the speeds (n,) in rad/s or m/s over which a change of direction is spread."""
+    speeds: FloatArray = np.max([np.max(np.abs(rows.speed), axis=0) for rows in runs], axis=0)
+    return _REVERSAL * np.where(speeds > 0.0, speeds, 1.0)
+
+
+def _list_columns(rows: RigidRows, beta: FloatArray, scale: FloatArray, width: FloatArray) -> FloatArray:
+    gravity = rows.still @ beta / scale
+    # Rounding at a joint that gravity does not load is no torque, and must not look like a constant one.
+    gravity = np.where(np.max(np.abs(gravity), axis=0) > _ROUNDING, gravity, 0.0)
+    torque = rows.whole @ beta / scale
+    plays = np.stack(
+        [compute_plays(torque[:, joint], np.array(_PLAYS), None) for joint in range(torque.shape[1])], axis=1
+    )
+    plain = (gravity, torque - gravity, torque**2, torque**3, np.tanh(rows.speed / width), rows.acceleration)
+    return np.concatenate([np.stack(plain, axis=2), plays], axis=2)
+
+
+FLAT = 1e-6
+"""Gravity below this part of the whole torque is none."""
+_NUISANCES = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ComplianceFits:
+    """What gravity bends.
+
+    Args:
+        compliances: (1 + blocks, runs, n) rad/(N m) or m/N; first with all blocks, then without each.
+        explained, left: (n,) root mean square of the torsion that gravity explains and leaves, rad or m.
+        loading, steady: (n,) deviation and size of mean of the gravity torque as parts of the whole torque.
+    """
+
+    compliances: FloatArray
+    explained: FloatArray
+    left: FloatArray
+    loading: FloatArray
+    steady: FloatArray
+
+    def __post_init__(self) -> None:
+        """Copy the arrays and make them read-only."""
+        for name in ("compliances", "explained", "left", "loading", "steady"):
+            object.__setattr__(self, name, freeze(getattr(self, name)))
+
+
+def fit_compliances(runs: Sequence[RigidRows]) -> ComplianceFits:
+    """Return the compliance of every joint in every run, with and without each block."""
+    rigid = np.concatenate([compute_rigid_grams(rows) for rows in runs])
+    owner = np.repeat(np.arange(len(runs)), [len(rows.blocks) for rows in runs])
+    widths = compute_reversal_widths(runs)
+    torsion = np.concatenate([_compute_torsion_grams(rows, widths) for rows in runs])
+    whole, norms = fit_rigid(rigid.sum(axis=0))
+    count = runs[0].still.shape[2]
+    sums = np.array([torsion[owner == run].sum(axis=0) for run in range(len(runs))])
+    first = _solve_runs(sums, whole[:count])
+    replicates = [first[0]]
+    for out, run in enumerate(owner):
+        beta = fit_rigid(rigid.sum(axis=0) - rigid[out], norms**-2.0)[0][:count]
+        without = sums.copy()
+        without[run] -= torsion[out]
+        replicates.append(_solve_runs(without, beta)[0])
+    samples = sum(part.stop - part.start for rows in runs for part in rows.blocks)
+    still = np.concatenate([rows.still @ whole[:count] for rows in runs])
+    torque = np.concatenate([rows.torque for rows in runs])
+    size = np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-300)
+    return ComplianceFits(
+        compliances=np.array(replicates),
+        explained=np.sqrt(first[1].sum(axis=0) / samples),
+        left=np.sqrt(first[2].sum(axis=0) / samples),
+        loading=np.std(still, axis=0) / size,
+        steady=np.abs(np.mean(still, axis=0)) / size,
+    )
+
+
+def _compute_torsion_grams(rows: RigidRows, widths: FloatArray) -> FloatArray:
+    """Return the Gram matrices (blocks, n, 2 p + 5, 2 p + 5) of nuisances, motion, gravity and torsion."""
+    gap = rows.encoders.theta - rows.encoders.q
+    nuisances = (np.ones_like(gap), rows.speed, np.tanh(rows.speed / widths), rows.acceleration)
+    columns = [np.stack(nuisances, axis=2), rows.whole - rows.still, rows.still, gap[:, :, None]]
+    design = np.concatenate(columns, axis=2)
+    joints = range(gap.shape[1])
+    return np.array([[design[part, j].T @ design[part, j] for j in joints] for part in rows.blocks])
+
+
+def _solve_runs(sums: FloatArray, beta: FloatArray) -> FloatArray:
+    """Return compliances, and squares of the torsion explained and left: (3, runs, n)."""
+    return np.array([[_solve_compliance(gram, beta) for gram in joints] for joints in sums]).transpose(
+        2, 0, 1
+    )
+
+
+def _solve_compliance(gram: FloatArray, beta: FloatArray) -> tuple[float, float, float]:
+    """Return compliance, and the squares of the torsion that gravity explains and leaves.
+
+    Gravity and torsion are cleared of nuisances and of the torque of motion first (Frisch and Waugh).
+    """
+    own, count, size = _NUISANCES, len(beta), len(gram)
+    change = np.zeros((size, own + 3))
+    change[:own, :own] = np.eye(own)
+    change[own : own + count, own] = beta
+    change[own + count : size - 1, own + 1] = beta
+    change[-1, -1] = 1.0
+    small = change.T @ gram @ change
+    inner = small[: own + 1, : own + 1]
+    lengths = np.sqrt(np.maximum(np.diag(inner), 0.0))
+    scales = np.where(lengths > 0.0, lengths, 1.0)
+    side = small[: own + 1, own + 1 :] / scales[:, None]
+    part = np.linalg.lstsq(inner / np.outer(scales, scales), side, rcond=1e-12)[0]
+    cleared = small[own + 1 :, own + 1 :] - side.T @ part
+    loading, whole = float(cleared[0, 0]), max(float(cleared[1, 1]), 0.0)
+    if loading <= FLAT**2 * float(small[own + 1, own + 1]) or loading <= 0.0:
+        return 0.0, 0.0, whole
+    compliance = float(cleared[0, 1]) / loading
+    explained = min(compliance * float(cleared[0, 1]), whole)
+    return compliance, explained, whole - explained
+
+
+_LEVEL = 0.95
+_UNLIKELY = 0.01
+"""Runs that agree differ like theirs in less than this part of all cases."""
+
+
+class StiffnessVerdict(Enum):
+    """What became of a joint's stiffness; the value says it in words."""
+
+    IDENTIFIED = "identified"
+    NO_ENCODER = "there is no link encoder"
+    NO_GRAVITY = "gravity does not load this joint, or always alike"
+    BELOW_NOISE = "the torsion that gravity explains is smaller than what it leaves"
+    INCONSISTENT = "the runs contradict each other"
+    VAGUE = "the interval holds a rigid joint"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class JointStiffness:
+    """The spring of one joint.
+
+    Args:
+        joint, unit: its name, and the unit of a stiffness.
+        verdict, reason: what became of it, with numbers.
+        stiffness, interval: N m/rad or N/m where identified, else None.
+        compliance, std: of all runs, rad/(N m) or m/N; NaN where nothing was fitted.
+        runs, run_stds: of each run.
+        explained, left: root mean square of the torsion that gravity explains and of what is left, rad or m.
+    """
+
+    joint: str
+    unit: str
+    verdict: StiffnessVerdict
+    reason: str
+    stiffness: float | None = None
+    interval: tuple[float, float] | None = None
+    compliance: float = float("nan")
+    std: float = float("nan")
+    runs: FloatArray
+    run_stds: FloatArray
+    explained: float
+    left: float
+
+    def __post_init__(self) -> None:
+        """Copy the arrays and make them read-only."""
+        for name in ("runs", "run_stds"):
+            object.__setattr__(self, name, freeze(getattr(self, name)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StiffnessEstimate:
+    """Delay, offsets and the stiffness of every joint; `blocks` are those of the jackknife."""
+
+    robot: str
+    alignment: Alignment
+    joints: tuple[JointStiffness, ...]
+    blocks: int
+    notices: tuple[Notice, ...] = ()
+
+
+def estimate_stiffness(library: Library, recordings: Sequence[Recording]) -> StiffnessEstimate:
+    """Return the stiffness of every joint that the recordings can tell, after aligning the encoders.
+
+    Args:
+        library: the robot's functions.
+        recordings: of both encoders, each a run with zero offsets of its own.
+
+    Raises:
+        LogError: a recording has one encoder only, is uneven or too short, or no joint has both encoders.
+    """
+    alignment = estimate_torsion_alignment(library, recordings)
+    kept = keep_significant(alignment)
+    aligned = list(recordings)
+    if kept is not None:
+        aligned = [align(recording, kept, run=run) for run, recording in enumerate(recordings)]
+    told = () if kept is None else tuple(recording.notices[-1] for recording in aligned)
+    fits = fit_compliances([build_rigid_rows(library, recording) for recording in aligned])
+    return StiffnessEstimate(
+        robot=library.card.robot,
+        alignment=alignment,
+        joints=tuple(
+            _judge(fits, index, card) if alignment.present[index] else _refuse_blind(card, len(recordings))
+            for index, card in enumerate(library.card.joints)
+        ),
+        blocks=len(fits.compliances) - 1,
+        notices=(*told, *warn_of_unknown_offsets(alignment, [card.name for card in library.card.joints])),
+    )
+
+
+def _get_unit(card: JointCard) -> str:
+    return f"{card.torque_unit}/{card.position_unit}"
+
+
+def _refuse_blind(card: JointCard, runs: int) -> JointStiffness:
+    nothing = np.full(runs, np.nan)
+    return JointStiffness(
+        joint=card.name,
+        unit=_get_unit(card),
+        verdict=StiffnessVerdict.NO_ENCODER,
+        reason="its link encoder's channel is constant or a copy: there is no link encoder",
+        runs=nothing,
+        run_stds=nothing,
+        explained=float("nan"),
+        left=float("nan"),
+    )
+
+
+def _judge(fits: ComplianceFits, index: int, card: JointCard) -> JointStiffness:
+    explained, left = float(fits.explained[index]), float(fits.left[index])
+    if fits.loading[index] <= FLAT:
+        nothing = np.full(fits.compliances.shape[1], np.nan)
+        load = (
+            "the torque of gravity on this joint does not change"
+            if fits.steady[index] > FLAT
+            else "gravity does not load this joint"
+        )
+        reason = (
+            f"{load}, and torques of acceleration are shared by rotor and link in "
+            f"unknown parts; {left:.3g} {card.position_unit} of its torsion are left (root mean square)"
+        )
+        return JointStiffness(
+            joint=card.name,
+            unit=_get_unit(card),
+            verdict=StiffnessVerdict.NO_GRAVITY,
+            reason=reason,
+            runs=nothing,
+            run_stds=nothing,
+            explained=0.0,
+            left=left,
+        )
+    mean, std, run_stds, chance = _average(fits.compliances[:, :, index])
+    low, high = _compute_interval(mean, std, len(fits.compliances) - 1)
+    against = [
+        *_check_noise(explained, left, card.position_unit),
+        *_check_runs(chance),
+        *_check_interval(low, high, _get_unit(card)),
+    ]
+    reason = "; ".join(text for _, text in against) or (
+        f"gravity explains {explained:.3g} {card.position_unit} of the torsion and leaves {left:.3g} "
+        f"{card.position_unit}; the 95 % interval is that of the jackknife over blocks of time"
+    )
+    return JointStiffness(
+        joint=card.name,
+        unit=_get_unit(card),
+        verdict=against[0][0] if against else StiffnessVerdict.IDENTIFIED,
+        reason=reason,
+        stiffness=None if against else 1.0 / mean,
+        interval=None if against else (1.0 / high, 1.0 / low),
+        compliance=mean,
+        std=std,
+        runs=fits.compliances[0, :, index],
+        run_stds=run_stds,
+        explained=explained,
+        left=left,
+    )
+
+
+def _average(replicates: FloatArray) -> tuple[float, float, FloatArray, float]:
+    """Return mean, deviation, deviations of the runs and the chance that runs that agree differ so much."""
+    values, others = replicates[0], replicates[1:]
+    n = len(others)
+    spread = others - others.mean(axis=0)
+    covariance = (n - 1) / n * spread.T @ spread
+    stds = np.sqrt(np.diag(covariance))
+    weights = 1.0 / np.maximum(stds, 1e-300) ** 2
+    weights /= weights.sum()
+    mean = float(weights @ values)
+    std = float(np.sqrt(weights @ covariance @ weights))
+    freedom = len(values) - 1
+    if freedom == 0:
+        return mean, std, stds, 1.0
+    from scipy.stats import chi2
+
+    excess = float(np.sum(((values - mean) / np.maximum(stds, 1e-300)) ** 2))
+    return mean, std * max(1.0, excess / freedom) ** 0.5, stds, float(chi2.sf(excess, freedom))
+
+
+def _compute_interval(mean: float, std: float, blocks: int) -> tuple[float, float]:
+    from scipy.stats import t
+
+    half = float(t.ppf(0.5 + 0.5 * _LEVEL, max(1, blocks - 1))) * std
+    return mean - half, mean + half
+
+
+_Reasons = list[tuple[StiffnessVerdict, str]]
+
+
+def _check_noise(explained: float, left: float, unit: str) -> _Reasons:
+    if explained > left:
+        return []
+    text = (
+        f"the torsion that gravity explains, {explained:.3g} {unit}, is smaller than what it leaves, "
+        f"{left:.3g} {unit} (root mean square)"
+    )
+    return [(StiffnessVerdict.BELOW_NOISE, text)]
+
+
+def _check_runs(chance: float) -> _Reasons:
+    if chance >= _UNLIKELY:
+        return []
+    text = f"the runs contradict each other: equal springs differ so much with a chance of {chance:.2g}"
+    return [(StiffnessVerdict.INCONSISTENT, text)]
+
+
+def _check_interval(low: float, high: float, unit: str) -> _Reasons:
+    if low > 0.0:
+        return []
+    text = (
+        f"a rigid joint lies in the interval: with 95 % its compliance is from {low:.3g} to {high:.3g}, "
+        f"the inverse of {unit}"
+    )
+    return [(StiffnessVerdict.VAGUE, text)]

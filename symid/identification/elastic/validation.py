@@ -1,0 +1,464 @@
+"""What elastic models predict of a log, and how well links follow a motion under a model's feed-forward.
+
+Library, recording, fits -> ElasticTrial; robot with its truth, models, trajectory -> MotorReference ->
+TrackingRun.
+
+    motor    F[tau_J] = F[tau] - IA F[ddtheta] - F[Yf] f
+    link     F[tau_J] = F[M ddq + C dq + g]
+    spring   F[tau_J] = F[spring(theta - q)]
+    elastic feed-forward  tau_J = inverse dynamics of the links, theta = q + H^-1[tau_J],
+                          tau = IA ddtheta + F(dtheta) + tau_J
+    rigid feed-forward    theta = q, tau = inverse dynamics of the links + IA ddq + F(dq)
+
+The three torques, and the torsion that they are drawn over, pass the same filter F, so that no loop comes
+from it. The closed loop is simulated with the truth, which the controller does not know; runs differ by
+the feed-forward alone: the generated function `elastic_inverse_dynamics`, called tick by tick, its memory
+empty at the start.
+
+Supported: springs with memory, which begins empty with the log; fits without a spring; several models at
+once.
+Not supported: one encoder only; noise in the loop; springs that the generated function does not support.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from symid.arrays import FloatArray, freeze
+from symid.codegen import Library, build_spring_vector, prepare_library
+from symid.errors import EstimateError, Notice, UsageError
+from symid.excitation import Trajectory
+from symid.identification.elastic.estimate import ElasticEstimate, MethodFit
+from symid.identification.elastic.options import ElasticOptions
+from symid.identification.elastic.regression import (
+    ElasticSignals,
+    FilteredRows,
+    build_filtered_rows,
+    filter_smooth,
+    prepare_elastic_signals,
+)
+from symid.identification.estimators import Residual
+from symid.joint_models import compute_hysteresis_torque
+from symid.logs import Recording, is_log_of_fit
+from symid.robot import Elasticity, Knee, Robot, Stop
+from symid.simulation import ElasticExperimentOptions, MotorReference, simulate_elastic
+
+_FILTERS = ("stops", "rate", "cutoff")
+"""Options that signals and rows of a log depend on."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class JointTrial:
+    """One joint: torsion and joint torque by several ways, all filtered alike.
+
+    Args:
+        joint: its name; unit of torques, and of the torsion.
+        time: (M,) s; torsion: (M,) rad or m.
+        motor: (M,) joint torque by the motor equation; link: (M,) by the link equation, N m or N.
+        final: (M,) by the identified spring, None where none was found; initial: by the spring of the start.
+        truth: (M,) by the true spring, None where it is not known.
+    """
+
+    joint: str
+    unit: str
+    torsion_unit: str
+    time: FloatArray
+    torsion: FloatArray
+    motor: FloatArray
+    link: FloatArray
+    final: FloatArray | None = None
+    initial: FloatArray | None = None
+    truth: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        """Copy the arrays and make them read-only."""
+        for name in ("time", "torsion", "motor", "link", "final", "initial", "truth"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, freeze(getattr(self, name)))
+
+    @property
+    def straight(self) -> float:
+        """Return the stiffness of the linear spring that explains this log best, N m/rad or N/m."""
+        scale = float(self.torsion @ self.torsion)
+        return float(self.torsion @ self.motor) / scale if scale else 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ElasticTrial:
+    """One log under the models; `residuals` are tables of residuals, each with its caption.
+
+    `fitted` tells a log of the fit, which is no test.
+    """
+
+    source: str
+    joints: tuple[JointTrial, ...]
+    residuals: tuple[tuple[str, tuple[Residual, ...]], ...]
+    fitted: bool = False
+
+    @property
+    def mean_relative_percent(self) -> float:
+        """Return the mean over joints of what dynamics of motors and links leave, in percent."""
+        return self.means[0]
+
+    @property
+    def means(self) -> tuple[float, ...]:
+        """Return the mean over joints of the relative residuals of every table, in percent."""
+        return tuple(
+            float(np.mean([entry.relative_percent for entry in entries])) for _, entries in self.residuals
+        )
+
+
+def evaluate_elastic(
+    estimate: ElasticEstimate,
+    library: Library,
+    recording: Recording,
+    *,
+    initial: Sequence[Elasticity] = (),
+    cutoff: float | None = None,
+) -> ElasticTrial:
+    """Return what `estimate` says of `recording`, filtered as its own logs were.
+
+    Args:
+        estimate: of the same model as the library.
+        library: of the robot.
+        recording: with both encoders.
+        initial: springs of the start, one a joint; empty where they are not at hand.
+        cutoff: of the low-pass in Hz in place of the estimate's, 0 for none; None to keep that.
+
+    Raises:
+        EstimateError: the estimate's settings cannot be used.
+        LogError: the recording lacks an encoder, or is too short.
+    """
+    return predict_elastic(
+        library,
+        recording,
+        _read_options(estimate) if cutoff is None else replace(_read_options(estimate), cutoff=cutoff),
+        estimate.build_fit(len(library.card.beta)),
+        initial=initial,
+        told=[spring.told for spring in estimate.springs],
+        truth=[spring.truth for spring in estimate.springs],
+        fitted=is_log_of_fit(recording, estimate.sources, estimate.settings),
+    )
+
+
+def _read_options(estimate: ElasticEstimate) -> ElasticOptions:
+    found: dict[str, Any] = {name: estimate.settings[name] for name in _FILTERS if name in estimate.settings}
+    try:
+        return ElasticOptions(**found)
+    except (TypeError, UsageError) as error:
+        text = f"its settings cannot be used: {error}; identify again"
+        raise EstimateError(Notice(code="estimate.settings", text=text)) from error
+
+
+def predict_elastic(
+    library: Library,
+    recording: Recording,
+    options: ElasticOptions,
+    final: MethodFit,
+    *,
+    initial: Sequence[Elasticity] = (),
+    told: Sequence[bool] = (),
+    truth: Sequence[Elasticity | None] = (),
+    fitted: bool = False,
+) -> ElasticTrial:
+    """Return what the models say of `recording`; nothing is fitted.
+
+    Args:
+        library: of the robot.
+        recording: with both encoders.
+        options: of the identification; its filters are used.
+        final: what was identified.
+        initial: springs of the start, one a joint; empty where there are none.
+        told: whether the spring of each joint counts as found; empty where all do.
+        truth: true springs, one a joint; empty where unknown.
+        fitted: whether the log is one of the fit.
+
+    Raises:
+        LogError: the recording lacks an encoder, or is too short.
+    """
+    signals = prepare_elastic_signals(recording, options)
+    rows = build_filtered_rows(library, signals, options.rate)
+    motor = rows.find_motor_side(np.concatenate([final.rotor, final.friction]))
+    link = rows.find_link_side(final.beta)
+    torsion = filter_smooth(signals.phi, options.rate, signals.period)[rows.keep]
+    springs = final.elasticity
+    known = [
+        spring if counts else None
+        for spring, counts in zip(springs, told or [True] * len(springs), strict=True)
+    ]
+    sets = [_compute_spring_torques(parts, signals, rows, options) for parts in (known, initial, truth)]
+    joints = tuple(
+        JointTrial(
+            joint=card.name,
+            unit=card.torque_unit,
+            torsion_unit=card.position_unit,
+            time=signals.time[rows.keep],
+            torsion=torsion[:, index],
+            motor=motor[:, index],
+            link=link[:, index],
+            final=sets[0][index],
+            initial=sets[1][index],
+            truth=sets[2][index],
+        )
+        for index, card in enumerate(library.card.joints)
+    )
+    return ElasticTrial(
+        source=recording.source, joints=joints, residuals=_list_residuals(joints, rows), fitted=fitted
+    )
+
+
+def _compute_spring_torques(
+    springs: Sequence[Elasticity | None], signals: ElasticSignals, rows: FilteredRows, options: ElasticOptions
+) -> tuple[FloatArray | None, ...]:
+    """Return F[spring(phi)] (M,) of every joint, None where its spring is not known."""
+    count = signals.phi.shape[1]
+    result: list[FloatArray | None] = [None] * count
+    phi, rate = signals.phi, signals.dtheta - signals.dq
+    for index, spring in enumerate(springs):
+        if spring is not None and spring.initial_stiffness is not None:
+            torque = compute_hysteresis_torque(spring, phi[:, index], rate[:, index])
+            result[index] = filter_smooth(torque, options.rate, signals.period)[rows.keep]
+    return tuple(result)
+
+
+def _list_residuals(
+    joints: tuple[JointTrial, ...], rows: FilteredRows
+) -> tuple[tuple[str, tuple[Residual, ...]], ...]:
+    torque = rows.torque
+    tables = [
+        (
+            "Torque of the motors by the dynamics of motors and links together; no spring takes part.",
+            tuple(
+                _build_residual(entry, torque[:, index], entry.motor - entry.link)
+                for index, entry in enumerate(joints)
+            ),
+        )
+    ]
+    known = [(entry, entry.final) for entry in joints if entry.final is not None]
+    if known:
+        motors = (
+            _build_residual(entry, torque[:, index], entry.motor - final)
+            for index, (entry, final) in enumerate(known)
+        )
+        links = (_build_residual(entry, entry.link, entry.link - final) for entry, final in known)
+        tables += [
+            ("Torque of the motors by their own dynamics and the springs.", tuple(motors)),
+            ("Torque of the joints: what the links need, less what the springs say.", tuple(links)),
+        ]
+    return tuple(tables)
+
+
+def _build_residual(entry: JointTrial, measured: FloatArray, residual: FloatArray) -> Residual:
+    whole = float(np.linalg.norm(measured))
+    norm = float(np.linalg.norm(residual))
+    return Residual(
+        joint=entry.joint,
+        norm=norm,
+        relative_percent=100.0 * norm / whole if whole else float("inf"),
+        std=float(np.std(residual)),
+        samples=len(residual),
+        unit=entry.unit,
+    )
+
+
+_FUNCTION = "elastic_inverse_dynamics"
+
+
+def compute_elastic_reference(
+    library: Library, fit: MethodFit, trajectory: Trajectory, time: FloatArray
+) -> MotorReference:
+    """Return angle, speed and torque of the motors under which the links follow `trajectory`.
+
+    Args:
+        library: of a robot whose springs have as many stops and knees as those of `fit`.
+        fit: the model of the controller.
+        trajectory: of the links.
+        time: (N,) s, the control ticks.
+
+    Raises:
+        UsageError: the library has no such function, or springs of another size.
+    """
+    if _FUNCTION not in {function.name for function in library.card.functions}:
+        text = (
+            f"robot {library.card.robot!r} has no function {_FUNCTION}: all its joints must be elastic and "
+            "driven by motors with a rotor_inertia, without damping, cubic springs or couplings"
+        )
+        raise UsageError(Notice(code="usage.no-feed-forward", text=text))
+    springs = build_spring_vector(fit.elasticity, library.card)
+    spec = next(function for function in library.card.functions if function.name == _FUNCTION)
+    shared = {"beta": fit.beta, "IA": fit.rotor, "f": fit.friction, "h": springs}
+    parameters = [shared[port.name] for port in spec.inputs if port.name in shared]
+    remembers = any(port.name == "Q" for port in spec.inputs)
+    memory = np.zeros(sum(len(spring.stops) for spring in fit.elasticity))
+    call = library.bind(_FUNCTION)
+    motion = np.stack(trajectory.evaluate_derivatives(time, 4), axis=1)
+    angle, speed, torque = (np.empty((len(time), library.card.size)) for _ in range(3))
+    for tick, state in enumerate(motion):
+        outputs = call(*state, *parameters, *([memory] if remembers else []))
+        torque[tick], angle[tick], speed[tick] = outputs[:3]
+        if remembers:
+            memory = outputs[3].copy()
+    return MotorReference(angle=angle, speed=speed, torque=torque)
+
+
+def compute_rigid_reference(
+    library: Library, fit: MethodFit, trajectory: Trajectory, time: FloatArray
+) -> MotorReference:
+    """Return the same for a controller that takes the joints as rigid; arguments as above."""
+    q, dq, ddq = trajectory.evaluate(time)
+    (torque,) = library.evaluate("inverse_dynamics", q, dq, ddq, fit.beta)
+    torque = torque + fit.rotor * ddq
+    if library.card.friction:
+        torque = torque + library.evaluate("friction", dq, fit.friction)[0]
+    return MotorReference(angle=q, speed=dq, torque=torque)
+
+
+RIGID = "rigid feed-forward"
+_FURTHER = 1.5
+_MULTIPLE = 4
+"""Stops and knees are counted up to it, so that many models share one compiled function."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TrackingRun:
+    """One run: time (N,) s, error (N, n) reached less desired position of the links, rad or m."""
+
+    name: str
+    time: FloatArray
+    error: FloatArray
+
+    def __post_init__(self) -> None:
+        """Copy the arrays and make them read-only."""
+        object.__setattr__(self, "time", freeze(self.time))
+        object.__setattr__(self, "error", freeze(self.error))
+
+    @property
+    def rms(self) -> FloatArray:
+        """Return the root mean square error of each joint (n,), rad or m."""
+        result: FloatArray = np.sqrt(np.mean(self.error**2, axis=0))
+        return result
+
+    @property
+    def peak(self) -> FloatArray:
+        """Return the largest error of each joint (n,), rad or m."""
+        result: FloatArray = np.max(np.abs(self.error), axis=0)
+        return result
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SpringCounts:
+    """How many stops, and knees on either side, the springs of one joint have."""
+
+    stops: int
+    below: int
+    above: int
+
+
+def simulate_tracking(
+    robot: Robot,
+    library: Library,
+    models: Mapping[str, MethodFit],
+    trajectory: Trajectory,
+    options: ElasticExperimentOptions,
+    *,
+    rigid: MethodFit | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> tuple[TrackingRun, ...]:
+    """Return a run for every model, and first one with rigid feed-forward.
+
+    Args:
+        robot: with the true values.
+        library: its functions.
+        models: what controllers believe, by name.
+        trajectory: of the links.
+        options: of the closed loop.
+        rigid: whose inertias and friction the rigid feed-forward takes; that of the first model by default.
+        progress: told of work that takes a while.
+
+    Raises:
+        UsageError, SolverError: see `simulate_elastic` and `compute_elastic_reference`.
+    """
+    duration = trajectory.duration if options.duration is None else options.duration
+    time: FloatArray = np.arange(round(duration / options.period) + 1) * np.float64(options.period)
+    first = rigid or next(iter(models.values()))
+    references = {RIGID: compute_rigid_reference(library, first, trajectory, time)}
+    if models:
+        counts = _count_stops_and_knees([fit.elasticity for fit in models.values()])
+        controller = prepare_controller(robot, counts, progress, backend=library.backend)
+        for name, fit in models.items():
+            wide = replace(fit, elasticity=widen_springs(fit.elasticity, counts))
+            references[name] = compute_elastic_reference(controller, wide, trajectory, time)
+    # No noise is drawn for the loop; the logs of these runs are not used.
+    rng = np.random.default_rng(0)
+
+    def run(name: str, reference: MotorReference) -> TrackingRun:
+        found = simulate_elastic(robot, library, trajectory, options, rng, reference=reference)
+        return TrackingRun(name=name, time=found.time, error=found.q - found.desired)
+
+    return tuple(run(name, reference) for name, reference in references.items())
+
+
+def prepare_controller(
+    robot: Robot,
+    counts: Sequence[SpringCounts],
+    progress: Callable[[str], None] = lambda _: None,
+    *,
+    backend: str = "auto",
+) -> Library:
+    """Return the feed-forward function of a robot whose springs have so many stops and knees.
+
+    Args:
+        robot: with elastic joints.
+        counts: one a joint.
+        progress: told of work that takes a while.
+        backend: what computes the function; see `prepare_library`.
+    """
+    places = dict(zip(robot.coordinates, counts, strict=True))
+    joints = tuple(
+        replace(joint, elasticity=_build_template(places[index])) if index in places else joint
+        for index, joint in enumerate(robot.joints)
+    )
+    shaped = replace(robot, joints=joints)
+    return prepare_library(shaped, names=(_FUNCTION,), progress=progress, backend=backend)
+
+
+def widen_springs(elasticity: Sequence[Elasticity], counts: Sequence[SpringCounts]) -> tuple[Elasticity, ...]:
+    """Return springs of the same torque with more stops and knees, which have no effect."""
+    return tuple(_widen(spring, count) for spring, count in zip(elasticity, counts, strict=True))
+
+
+def _count_stops_and_knees(models: Sequence[Sequence[Elasticity]]) -> tuple[SpringCounts, ...]:
+    """Return, joint by joint, the largest numbers that occur in any model, counted up."""
+    return tuple(
+        SpringCounts(
+            stops=_round_up(len(spring.stops) for spring in springs),
+            below=_round_up(sum(knee.threshold < 0.0 for knee in spring.knees) for spring in springs),
+            above=_round_up(sum(knee.threshold > 0.0 for knee in spring.knees) for spring in springs),
+        )
+        for springs in zip(*models, strict=True)
+    )
+
+
+def _round_up(numbers: Iterable[int]) -> int:
+    return -(-max(numbers) // _MULTIPLE) * _MULTIPLE
+
+
+def _widen(spring: Elasticity, count: SpringCounts) -> Elasticity:
+    stops = list(spring.stops)
+    while len(stops) < count.stops:
+        last = stops[-1].threshold if stops else 1.0
+        stops.append(Stop(threshold=_FURTHER * last, stiffness=0.0))
+    below = [knee for knee in spring.knees if knee.threshold < 0.0]
+    above = [knee for knee in spring.knees if knee.threshold > 0.0]
+    while len(below) < count.below:
+        below.insert(0, Knee(threshold=_FURTHER * below[0].threshold if below else -1.0, slope=0.0))
+    while len(above) < count.above:
+        above.append(Knee(threshold=_FURTHER * above[-1].threshold if above else 1.0, slope=0.0))
+    return replace(spring, stops=tuple(stops), knees=(*below, *above))
+
+
+def _build_template(count: SpringCounts) -> Elasticity:
+    """Return a spring of that shape; its numbers are arguments of the function."""
+    return _widen(Elasticity(stiffness=1.0), count)

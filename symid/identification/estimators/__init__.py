@@ -1,0 +1,49 @@
+"""From equations to parameters with their standard deviations."""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from symid.identification.estimators.consistent import solve_consistent as solve_consistent
+    from symid.identification.estimators.consistent_problem import (
+        Bodies as Bodies,
+        build_bodies as build_bodies,
+    )
+    from symid.identification.estimators.estimate import (
+        OPEN_SETTINGS as OPEN_SETTINGS,
+        Estimate as Estimate,
+        Outcome as Outcome,
+        ParameterEstimate as ParameterEstimate,
+        Residual as Residual,
+        ResolvedProcessing as ResolvedProcessing,
+        Series as Series,
+        Validation as Validation,
+    )
+    from symid.identification.estimators.instrumental import (
+        Exogeneity as Exogeneity,
+        InstrumentalSolution as InstrumentalSolution,
+        assess_exogeneity as assess_exogeneity,
+        fit_instruments as fit_instruments,
+    )
+    from symid.identification.estimators.least_squares import (
+        CondensedFit as CondensedFit,
+        RegressionFit as RegressionFit,
+        compute_inverse_root as compute_inverse_root,
+        compute_residuals as compute_residuals,
+        estimate_group_weights as estimate_group_weights,
+        estimate_period_noise as estimate_period_noise,
+        estimate_weights as estimate_weights,
+        fit_condensed as fit_condensed,
+        fit_weighted as fit_weighted,
+    )
+    from symid.identification.estimators.linear_estimators import (
+        ESTIMATORS as ESTIMATORS,
+        EstimatorOptions as EstimatorOptions,
+        Prior as Prior,
+        build_prior_of_card as build_prior_of_card,
+        build_prior_of_estimate as build_prior_of_estimate,
+        fit_rows as fit_rows,
+    )
+else:
+    from symid.lazy import load_names
+
+    __getattr__, __dir__, __all__ = load_names(__name__, __file__)

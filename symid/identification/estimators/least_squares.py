@@ -1,0 +1,444 @@
+"""Linear least squares: ordinary, weighted by the scatter of each joint, generalised; their covariance.
+
+Rows (or their triangles) and what can be identified from them -> RegressionFit (or CondensedFit, without
+residuals).
+
+    ols   min |A x - y|^2
+    wls   min sum_j |A_j x - y_j|^2 / sigma_j^2, sigma_j = |e_j| / sqrt(m_j - p) from its own residuals e
+    gls   min sum_t e_t' S^-1 e_t,  e_t = A_t x - y_t the residuals of all joints at one time
+
+By QR of A B, where the columns of B are the directions that the rows see, scaled so that the columns of A
+have length one. The covariance is s^2 (A'A)^-1 with s^2 = |e|^2 / (b m - p) of the weighted rows, b the
+part of them that is independent behind the decimation filter. The noise of an energy or power row grows
+with the speed in its window, so there the covariance is the one that holds for unequal noise (HC3 of
+MacKinnon and White 1985).
+
+The covariance S (g, g) of the noise between joints comes from the residuals of wls, iterated once, or is
+given. Of a motion that repeats it is known without a model: what repeats belongs to the motion, the rest is
+noise (Schoukens and Pintelon 2012),
+
+    S = 1 / ((P - 1) N) sum over p, t of e_p(t) e_p(t)',   e_p = tau_p - mean over p of tau_p
+
+over P periods of N samples. Rows of one time are those of one run whose times are equal; where some joints
+have no row there (standstill), the part of S of the others counts.
+
+Supported: rank-deficient rows (directions that are not seen stay at zero); runs of unequal weight; two or
+more whole periods, of any length in samples.
+Not supported: robust losses, priors, constraints; noise that is correlated in time: filters that pass more
+than the decimation keeps make standard deviations too small; periodic motions that drift or start (cut
+these off, drop_first).
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symid.arrays import FloatArray, freeze
+from symid.errors import Notice, UsageError
+from symid.identification.estimators.estimate import Residual
+from symid.identification.regression import (
+    SCALAR_KINDS,
+    Condensed,
+    Identifiability,
+    Rows,
+    compute_square_sums,
+    condense_rows,
+    solve_condensed,
+)
+from symid.logs import Recording
+from symid.robot import Processing
+
+_ROUNDS = 30
+_SETTLED = 1e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CondensedFit:
+    """A fit without its residuals.
+
+    Args:
+        values: (p,) parameters; covariance: (p, p).
+        squares: (g,) sum of squared residuals of every group, in the rows' units.
+        weights: (g,) what residuals of every group were multiplied by.
+        variance: of the weighted noise; condition: of the column-scaled, weighted matrix.
+    """
+
+    values: FloatArray
+    covariance: FloatArray
+    squares: FloatArray
+    weights: FloatArray
+    variance: float
+    condition: float
+
+
+def estimate_weights(condensed: Condensed, basis: FloatArray, used: int) -> FloatArray:
+    """Return the inverse scatter (g,) of every group's residuals in the fit that has these weights.
+
+    From the ordinary fit on, until nothing changes: there a quiet joint shows the errors that the noise of
+    loud ones makes, and its weight comes out too small.
+
+    Args:
+        condensed: the equations.
+        basis: (p, r) directions that they see.
+        used: parameters that the scatter of a group is corrected for, where it has more rows than that.
+    """
+    return iterate_weights(condensed, lambda weights: solve_condensed(condensed, basis, weights).values, used)
+
+
+def iterate_weights(condensed: Condensed, solve: Callable[[FloatArray], FloatArray], used: int) -> FloatArray:
+    """Return weights (g,) as `estimate_weights` does, of any estimator.
+
+    Args:
+        condensed: the equations that leave residuals.
+        solve: from weights (g,) to parameters (p,).
+        used: as in `estimate_weights`.
+    """
+    counts = condensed.counts
+    divisor = np.where(counts > used, counts - used, np.maximum(counts, 1))
+    # A joint that is explained to the last bit must not outweigh all others by 1e16.
+    floor = 1e-9 * np.linalg.norm(condensed.factors[:, :, -1]) / np.sqrt(counts.sum())
+    weights = np.ones(len(counts))
+    for _ in range(_ROUNDS):
+        values = solve(weights)
+        scatter = np.maximum(np.sqrt(compute_square_sums(condensed, values) / divisor), floor)
+        before, weights = weights, 1.0 / scatter
+        if np.abs(weights / before - 1.0).max() < _SETTLED:
+            break
+    return weights
+
+
+def fit_condensed(
+    condensed: Condensed, basis: FloatArray, *, weighted: bool = True, freedom: str = "band"
+) -> CondensedFit:
+    """Return the weighted or the ordinary fit of condensed rows.
+
+    Args:
+        condensed: the equations.
+        basis: (p, r) directions that they see.
+        weighted: whether groups count by the inverse of their scatter, see `estimate_weights`.
+        freedom: how the variance of the noise is estimated, see `Processing.noise_freedom`.
+    """
+    used = 1 if freedom == "one" else int(basis.shape[1])
+    weights = estimate_weights(condensed, basis, used) if weighted else np.ones(len(condensed.counts))
+    found = solve_condensed(condensed, basis, weights)
+    squares = compute_square_sums(condensed, found.values)
+    independent = condensed.independent if freedom == "band" else 1.0
+    variance = float(squares @ weights**2) / (independent * int(condensed.counts.sum()) - used)
+    return CondensedFit(
+        values=found.values,
+        covariance=variance * (found.root @ found.root.T),
+        squares=squares,
+        weights=weights,
+        variance=variance,
+        condition=found.condition,
+    )
+
+
+def compute_robust_covariance(basis: FloatArray, design: FloatArray, errors: FloatArray) -> FloatArray:
+    """Return the covariance of x = B z where every row has a variance of its own: (p, p).
+
+    B (F'F)^-1 F' diag(e_i^2 / (1 - h_i)^2) F (F'F)^-1 B', h_i the leverage of row i: the
+    estimator HC3 of MacKinnon and White (1985).
+
+    Args:
+        basis: B (p, r).
+        design: F = A B (m, r), of full column rank.
+        errors: e (m,).
+    """
+    root = compute_inverse_root(design)
+    orthonormal = design @ root
+    leverage = np.minimum(np.sum(orthonormal**2, axis=1), 1.0 - 1e-9)
+    weighted = orthonormal * (errors / (1.0 - leverage))[:, None]
+    left = basis @ root
+    covariance: FloatArray = left @ (weighted.T @ weighted) @ left.T
+    return covariance
+
+
+def compute_inverse_root(design: FloatArray) -> FloatArray:
+    """Return V S^-1 of the singular value decomposition, so that its square is (F'F)^-1."""
+    _, singular, directions = np.linalg.svd(np.linalg.qr(design, mode="r"), full_matrices=False)
+    root: FloatArray = directions.T / singular
+    return root
+
+
+def compute_group_scatter(rows: Rows, residuals: FloatArray, fitted: int) -> FloatArray:
+    """Return |e_j| / sqrt(m_j - fitted) of every group: (g,); `fitted` parameters were fitted.
+
+    A group with no more rows than that is divided by its number of rows; without rows it is 0.
+    """
+    scatter = np.zeros(len(rows.group_names))
+    for index in range(len(scatter)):
+        part = residuals[rows.group == index]
+        freedom = len(part) - fitted if len(part) > fitted else len(part)
+        scatter[index] = np.linalg.norm(part) / np.sqrt(max(freedom, 1))
+    return scatter
+
+
+def compute_residuals(rows: Rows, residuals: FloatArray, fitted: int) -> tuple[Residual, ...]:
+    """Return norm, relative norm and scatter of every group that has rows."""
+    scatter = compute_group_scatter(rows, residuals, fitted)
+    entries = []
+    for index, name in enumerate(rows.group_names):
+        mask = rows.group == index
+        if not mask.any():
+            continue
+        norm = float(np.linalg.norm(residuals[mask]))
+        whole = float(np.linalg.norm(rows.values[mask]))
+        entries.append(
+            Residual(
+                joint=name,
+                norm=norm,
+                relative_percent=100.0 * norm / whole if whole else float("inf"),
+                std=float(scatter[index]),
+                samples=int(mask.sum()),
+                unit=rows.group_units[index],
+            )
+        )
+    return tuple(entries)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RegressionFit:
+    """A fit of parameters to rows.
+
+    Args:
+        values: (p,) parameters; covariance: (p, p).
+        residuals: (m,) y - A x, in the rows' units, whatever the weights.
+        spent: degrees of freedom taken from the rows for the noise.
+        condition: of the column-scaled matrix, weighted where the fit is.
+        weights: (m,) what the rows were multiplied by; ones if empty.
+        notices: what a reader of the result should know of the fit.
+        report: what the estimator chose or paid, by name; plain numbers, texts and lists.
+    """
+
+    values: FloatArray
+    covariance: FloatArray
+    residuals: FloatArray
+    spent: int
+    condition: float
+    weights: FloatArray = field(default_factory=lambda: np.empty(0))
+    notices: tuple[Notice, ...] = ()
+    report: Mapping[str, object] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Copy the arrays and make them read-only."""
+        if len(self.weights) != len(self.residuals):
+            object.__setattr__(self, "weights", np.ones(len(self.residuals)))
+        for name in ("values", "covariance", "residuals", "weights"):
+            object.__setattr__(self, name, freeze(getattr(self, name)))
+
+
+def fit_ols(rows: Rows, seen: Identifiability, freedom: str = "band") -> RegressionFit:
+    """Return the ordinary least-squares fit of `rows`.
+
+    Args:
+        rows: the equations.
+        seen: what they can tell.
+        freedom: how the variance of the noise is estimated, see `Processing.noise_freedom`.
+    """
+    return fit_weighted(rows, seen, np.ones(len(rows.group_names)), freedom)
+
+
+def fit_wls(rows: Rows, seen: Identifiability, freedom: str = "band") -> RegressionFit:
+    """Return the fit with rows weighted by the inverse scatter of their joint, until that settles.
+
+    Arguments as for `fit_ols`.
+    """
+    return fit_weighted(rows, seen, estimate_group_weights(rows, seen, freedom), freedom)
+
+
+def estimate_group_weights(rows: Rows, seen: Identifiability, freedom: str = "band") -> FloatArray:
+    """Return the weights (g,) of `fit_wls`, the inverse scatter of every group's residuals."""
+    used = 1 if freedom == "one" else int(seen.basis.shape[1])
+    return estimate_weights(condense_rows(rows), seen.basis, used)
+
+
+def fit_weighted(
+    rows: Rows, seen: Identifiability, weights: FloatArray, freedom: str = "band"
+) -> RegressionFit:
+    """Return the fit of `rows` with the residuals of group g multiplied by weights[g]; else as `fit_ols`."""
+    found = solve_condensed(condense_rows(rows), seen.basis, weights)
+    residuals = rows.values - rows.matrix @ found.values
+    factors = weights[rows.group] * np.sqrt(rows.weight)
+    weighted = residuals * factors
+    used = 1 if freedom == "one" else int(seen.basis.shape[1])
+    independent = rows.independent if freedom == "band" else 1.0
+    if rows.kind in SCALAR_KINDS:
+        design = (rows.matrix * factors[:, None]) @ seen.basis
+        covariance = compute_robust_covariance(seen.basis, design, weighted) / independent
+    else:
+        variance = float(weighted @ weighted) / (independent * len(weighted) - used)
+        covariance = variance * (found.root @ found.root.T)
+    return RegressionFit(
+        values=found.values,
+        covariance=covariance,
+        residuals=residuals,
+        spent=used,
+        condition=found.condition,
+        weights=factors,
+    )
+
+
+_LEAST = 1e-6
+"""Eigenvalue of a correlation matrix below which it is moved towards the unit matrix."""
+
+
+def fit_gls(
+    rows: Rows, seen: Identifiability, freedom: str = "band", noise: FloatArray | None = None
+) -> RegressionFit:
+    """Return the fit with rows weighted by the covariance of their noise between joints.
+
+    Args:
+        rows: the equations.
+        seen: what they can tell.
+        freedom: see `fit_ols`.
+        noise: (g, g) covariance of the noise of one row of every group, up to a factor; None to estimate it.
+    """
+    first = fit_wls(rows, seen, freedom)
+    if len(rows.group_names) == 1:
+        return replace(first, report={"noise_correlation": 0.0})
+    known = estimate_noise_covariance(rows, first) if noise is None else np.asarray(noise, dtype=np.float64)
+    whitened = whiten_rows(rows, known)
+    found = fit_weighted(whitened, seen, np.ones(len(rows.group_names)), freedom)
+    size = np.sqrt(np.diag(known))
+    correlation = known / np.outer(size, size)
+    return RegressionFit(
+        values=found.values,
+        covariance=found.covariance,
+        residuals=rows.values - rows.matrix @ found.values,
+        spent=found.spent,
+        condition=found.condition,
+        weights=(1.0 / size)[rows.group] * np.sqrt(rows.weight),
+        report={"noise_correlation": float(np.abs(correlation - np.eye(len(size))).max())},
+    )
+
+
+def estimate_noise_covariance(rows: Rows, fit: RegressionFit) -> FloatArray:
+    """Return the covariance (g, g) of residuals of different groups at the same time.
+
+    From the times at which two groups both have rows. These differ from pair to pair; a matrix that is not
+    positive definite for that reason is moved towards its diagonal until it is.
+    """
+    table = _arrange_by_time(rows)
+    scatter = compute_group_scatter(rows, fit.residuals * np.sqrt(rows.weight), fit.spent)
+    scatter = np.maximum(scatter, 1e-9 * np.linalg.norm(rows.values) / np.sqrt(len(rows.values)))
+    scaled = fit.residuals / scatter[rows.group] * np.sqrt(rows.weight)
+    errors = np.where(table >= 0, scaled[table], 0.0)
+    there = (table >= 0).astype(np.float64)
+    pairs = there.T @ there
+    correlation = (errors.T @ errors) / np.maximum(pairs, 1.0)
+    size = np.sqrt(np.maximum(np.diag(correlation), np.finfo(float).tiny))
+    correlation = correlation / np.outer(size, size)
+    np.fill_diagonal(correlation, 1.0)
+    least = float(np.linalg.eigvalsh(correlation)[0])
+    if least < _LEAST:
+        share = (_LEAST - least) / (1.0 - least)
+        correlation = (1.0 - share) * correlation + share * np.eye(len(size))
+    spread = size * scatter
+    covariance: FloatArray = correlation * np.outer(spread, spread)
+    return covariance
+
+
+def whiten_rows(rows: Rows, noise: FloatArray) -> Rows:
+    """Return the rows of every time multiplied by L^-1, S = L L': their noise is white then.
+
+    Args:
+        rows: the equations.
+        noise: S (g, g).
+    """
+    table = _arrange_by_time(rows)
+    matrix, values = rows.matrix.copy(), rows.values.copy()
+    patterns, kind = np.unique(table >= 0, axis=0, return_inverse=True)
+    for index, pattern in enumerate(patterns):
+        groups = np.flatnonzero(pattern)
+        places = table[kind.ravel() == index][:, groups]
+        lower = np.linalg.cholesky(noise[np.ix_(groups, groups)])
+        inverse = np.linalg.inv(lower)
+        values[places] = rows.values[places] @ inverse.T
+        # Row by row of L^-1, so that no second copy of all equations is made.
+        for k in range(len(groups)):
+            total = inverse[k, k] * rows.matrix[places[:, k]]
+            for i in range(k):
+                if inverse[k, i]:
+                    total += inverse[k, i] * rows.matrix[places[:, i]]
+            matrix[places[:, k]] = total
+    return replace(rows, matrix=matrix, values=values)
+
+
+def _arrange_by_time(rows: Rows) -> NDArray[np.intp]:
+    """Return the place (T, g) of every group's row at every time of every run, -1 where there is none."""
+    order = np.lexsort((rows.time, rows.run))
+    fresh = np.ones(len(order), dtype=bool)
+    fresh[1:] = (np.diff(rows.run[order]) != 0) | (np.diff(rows.time[order]) != 0.0)
+    instant = np.empty(len(order), dtype=np.intp)
+    instant[order] = np.cumsum(fresh) - 1
+    table = np.full((int(fresh.sum()), len(rows.group_names)), -1, dtype=np.intp)
+    table[instant, rows.group] = np.arange(len(order))
+    return table
+
+
+_LOUD = 0.5
+"""Part of the torque's own deviation from which on noise means that the period is wrong."""
+
+
+def estimate_period_noise(
+    recordings: Sequence[Recording], processing: Processing, periods: Sequence[float]
+) -> FloatArray:
+    """Return the covariance (n, n) of the torque's noise, N m or N each.
+
+    Args:
+        recordings: at least one.
+        processing: its cut ends are left out.
+        periods: in s, one for all recordings or one for each.
+
+    Raises:
+        UsageError: a log holds less than two periods, the number of periods does not fit that of the logs, or
+            the torque does not repeat.
+    """
+    if len(periods) not in {1, len(recordings)}:
+        text = f"{len(periods)} periods for {len(recordings)} logs: give one for all, or one for each"
+        raise UsageError(Notice(code="usage.period", text=text))
+    each = list(periods) * len(recordings) if len(periods) == 1 else list(periods)
+    size = recordings[0].torque.shape[1]
+    total, freedom = np.zeros((size, size)), 0
+    for recording, period in zip(recordings, each, strict=True):
+        repeated = _fold(recording, processing, period)
+        errors = (repeated - repeated.mean(axis=0)).reshape(-1, size)
+        total += errors.T @ errors
+        freedom += (repeated.shape[0] - 1) * repeated.shape[1]
+    covariance: FloatArray = total / freedom
+    _check_noise(recordings, covariance)
+    return covariance
+
+
+def _fold(recording: Recording, processing: Processing, period: float) -> FloatArray:
+    """Return the torque of every whole period (P, N, n), on one grid of times."""
+    kept = slice(processing.drop_first, len(recording.time) - processing.drop_last)
+    time, torque = recording.time[kept], recording.torque[kept]
+    span = float(time[-1] - time[0]) + recording.period if len(time) > 1 else 0.0
+    count = int(span / period + 1e-6)
+    samples = round(period / recording.period)
+    if count < 2 or samples < 2:
+        text = (
+            f"a period of {period:g} s occurs {count} times in the {span:g} s of this log that are kept; "
+            "noise shows from two periods on"
+        )
+        raise UsageError(Notice(code="usage.period", text=text, file=recording.source))
+    grid = time[0] + period * (np.arange(count)[:, None] + np.arange(samples) / samples)
+    columns = [np.interp(grid, time, column) for column in torque.T]
+    return np.stack(columns, axis=2)
+
+
+def _check_noise(recordings: Sequence[Recording], covariance: FloatArray) -> None:
+    torque = np.vstack([recording.torque for recording in recordings])
+    share = np.sqrt(np.diag(covariance)) / np.maximum(torque.std(axis=0), np.finfo(float).tiny)
+    if np.any(share > _LOUD):
+        worst = int(np.argmax(share))
+        percent = 100.0 * float(share[worst])
+        text = (
+            f"the torque of joint {worst + 1} differs between periods by {percent:.3g} % of its deviation; "
+            "it does not repeat with this period; check the period, or cut off the start"
+        )
+        raise UsageError(Notice(code="usage.period", text=text, file=recordings[0].source))

@@ -1,0 +1,455 @@
+"""A robot with its values as a file for other programs, in the format that the file's name ends in.
+
+Robot whose file states values, or identified values or friction of one -> a file, and `FileExport`.
+
+Supported: robot files (.toml), URDF, MuJoCo models (.xml, .mjcf), C headers (.h), values as JSON (.json).
+Friction alone goes into robot files, by the laws of which these have a model; friction of other joints
+stays as the robot file has it.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from symid.codegen import build_library_prefix, build_model_card, clean_text
+from symid.dynamics import BaseParameters, StandardSet, build_grouping, derive_base_parameters
+from symid.errors import EstimateError, Notice, RobotError, UsageError
+from symid.identification.elastic import build_rigid_variant
+from symid.identification.estimators import ParameterEstimate
+from symid.identification.friction import (
+    FrictionIdentification,
+    build_robot_friction,
+    check_friction_model,
+    describe_obstacle,
+    set_identified_friction,
+)
+from symid.identification.identified import Identified, build_robot, list_warnings
+from symid.identification.rigid import write_file
+from symid.robot import (
+    PRECISIONS,
+    FrictionValues,
+    Robot,
+    RobotValues,
+    ValueRow,
+    ValueVector,
+    build_json_values,
+    is_urdf,
+    list_mjcf_omissions,
+    list_urdf_omissions,
+    parse_robot,
+    parse_urdf,
+    read_text_file,
+    rewrite_urdf,
+    write_c_values,
+    write_mjcf,
+    write_robot,
+    write_urdf,
+)
+from symid.serialization import write_json
+
+KINDS = {
+    ".toml": "robot file",
+    ".urdf": "URDF",
+    ".xml": "MJCF model",
+    ".mjcf": "MJCF model",
+    ".h": "C header",
+    ".json": "values as JSON",
+}
+"""What files are, by the end of their name."""
+
+
+_SHOWN = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WrittenFriction:
+    """Friction that was written, by joint, with the laws it is; and why that of other joints stayed."""
+
+    laws: Mapping[str, str]
+    values: Mapping[str, FrictionValues]
+    kept: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FileExport:
+    """A file that was written.
+
+    Args:
+        file: its path; robot: as it was written.
+        outcome: how bodies were found; "stated" where the robot file's own were taken, "friction" where only
+            friction was identified.
+        left_out: what the format has no words for.
+        missing: what was not identified.
+        standard: the bodies that were found, None where none were looked for.
+        friction: what was written where only friction was identified.
+        notices: what a user of the file must know.
+    """
+
+    file: Path
+    robot: Robot
+    outcome: str
+    left_out: tuple[str, ...] = ()
+    missing: tuple[str, ...] = ()
+    standard: StandardSet | None = None
+    friction: WrittenFriction | None = None
+    notices: tuple[Notice, ...] = ()
+
+    @property
+    def format(self) -> str:
+        """Return what the file is, in words."""
+        return KINDS[self.file.suffix.lower()]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Content:
+    """What is written: a robot with values, its base parameters, where the values are from.
+
+    `outcome` is how bodies were found, "stated" where the robot file's own were taken; `found` are the
+    identified values themselves.
+    """
+
+    robot: Robot
+    base: BaseParameters
+    outcome: str
+    sources: tuple[str, ...] = ()
+    found: tuple[ParameterEstimate, ...] = ()
+    precision: str = "double"
+
+    @property
+    def comment(self) -> str:
+        """Return the first line of the file."""
+        if not self.sources:
+            return f"{self.robot.name} with the values of its robot file."
+        return f"{self.robot.name} with values identified from {', '.join(self.sources)}."
+
+
+def check_format(path: Path, precision: str = "double", *, friction: bool = False) -> str:
+    """Return the end of the file's name, which says its format.
+
+    Args:
+        path: of the file.
+        precision: of the numbers in a C header.
+        friction: whether friction alone is written.
+
+    Raises:
+        UsageError: there is no such format, it has no precision, or friction alone does not go into it.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in KINDS:
+        text = f"{path}: the format is unknown; give a name that ends in {', '.join(KINDS)}"
+        raise UsageError(Notice(code="usage.suffix", text=text))
+    if precision not in PRECISIONS:
+        text = f"precision: expected one of {', '.join(PRECISIONS)}, got {precision!r}"
+        raise UsageError(Notice(code="usage.export-precision", text=text))
+    if precision != "double" and suffix != ".h":
+        text = f"--precision {precision}: only a C header has a precision; leave the option out"
+        raise UsageError(Notice(code="usage.export-precision", text=text))
+    if friction and suffix != ".toml":
+        text = (
+            f"{path}: friction goes into a robot file first: export it as one (-o new.toml), then that file "
+            f"(symid export new.toml -o {path})"
+        )
+        raise UsageError(Notice(code="usage.suffix", text=text))
+    return suffix
+
+
+def write_stated(robot: Robot, path: Path, *, precision: str = "double") -> FileExport:
+    """Write the values of the robot file itself.
+
+    Raises:
+        UsageError: see `check_format`.
+        RobotError: the robot file does not state them all, and the format needs them.
+        OutputError: the file cannot be written.
+    """
+    suffix = check_format(path, precision)
+    base = derive_base_parameters(robot)
+    if suffix != ".toml":
+        _check_values(robot, base)
+    content = _Content(robot=robot, base=base, outcome="stated", precision=precision)
+    write_file(path, _WRITERS[suffix](content))
+    left_out = _list_omissions(robot, suffix)
+    return FileExport(
+        file=path,
+        robot=robot,
+        outcome=content.outcome,
+        left_out=left_out,
+        notices=(*robot.notices, *_warn_of_omissions(left_out, path)),
+    )
+
+
+def write_identified(found: Identified, source: Path, path: Path, *, precision: str = "double") -> FileExport:
+    """Write the robot with the values that an estimate says.
+
+    Args:
+        found: what the estimate says.
+        source: where the estimate is from, for messages.
+        path: of the file.
+        precision: "double" or "float", of a C header.
+
+    Raises:
+        UsageError: see `check_format`.
+        EstimateError: the values are none that such a file can have.
+        OutputError: the file cannot be written.
+    """
+    suffix = check_format(path, precision)
+    identified = build_robot(found)
+    sources = tuple(Path(entry).name for entry in found.sources)
+    before = f"; before: {identified.robot.source}" if identified.robot.source else ""
+    robot = replace(identified.robot, source=f"Values identified from {', '.join(sources)}{before}")
+    content = _Content(
+        robot=robot,
+        base=found.base,
+        outcome=identified.standard.outcome.name.lower(),
+        sources=sources,
+        found=found.values,
+        precision=precision,
+    )
+    write_file(path, _write_readable(content, suffix, source))
+    left_out = _list_omissions(robot, suffix)
+    return FileExport(
+        file=path,
+        robot=robot,
+        outcome=content.outcome,
+        left_out=left_out,
+        missing=found.missing,
+        standard=identified.standard,
+        notices=(*list_warnings(identified, found, source), *_warn_of_omissions(left_out, path)),
+    )
+
+
+def _check_values(robot: Robot, base: BaseParameters) -> None:
+    """Refuse a robot whose file does not say what its links are.
+
+    Raises:
+        RobotError: a link or a symbolic length has no value.
+    """
+    build_grouping(robot, base)
+    missing = [joint.name for joint in robot.joints if joint.inertial is None]
+    if missing:
+        text = (
+            f"the links of {', '.join(missing)} have no values; give them in the robot file, or identify "
+            "them and give the estimate to `symid export`"
+        )
+        raise RobotError(Notice(code="export.no-values", text=text, file=robot.path))
+
+
+def _write_readable(content: _Content, suffix: str, source: Path) -> str:
+    """Return the text of the file, which can be read where symid reads such files.
+
+    Raises:
+        EstimateError: its values are none that such a file can have.
+    """
+    text = _WRITERS[suffix](content)
+    try:
+        if suffix == ".toml":
+            parse_robot(text)
+        elif suffix == ".urdf":
+            parse_urdf(text)
+    except RobotError as error:
+        reasons = "; ".join(notice.text for notice in error.notices)
+        said = f"no {KINDS[suffix]} can have these values: {reasons}; identify from logs that tell more"
+        raise EstimateError(Notice(code="export.impossible", text=said, file=str(source))) from error
+    return text
+
+
+def _warn_of_omissions(left_out: Sequence[str], output: Path) -> tuple[Notice, ...]:
+    if not left_out:
+        return ()
+    more = f"; and {len(left_out) - _SHOWN} more" if len(left_out) > _SHOWN else ""
+    text = f"the format has no words for this, which stands in comments: {'; '.join(left_out[:_SHOWN])}{more}"
+    return (Notice(code="export.left-out", text=text, file=str(output)),)
+
+
+def _write_toml(content: _Content) -> str:
+    return write_robot(content.robot, comment=content.comment)
+
+
+def _write_urdf(content: _Content) -> str:
+    """Return the robot's own file with other values where it is a URDF, else a new one."""
+    path = Path(content.robot.path)
+    # Of a file that was cut the rest has values of its own, which belong to other links than here.
+    cut = any(notice.code == "robot.cut-off" for notice in content.robot.notices)
+    if content.robot.path and is_urdf(path) and not cut:
+        return rewrite_urdf(read_text_file(path), content.robot, comments=(content.comment,))
+    return write_urdf(content.robot, comments=(content.comment,))
+
+
+def _write_mjcf(content: _Content) -> str:
+    return write_mjcf(content.robot, comments=(content.comment,))
+
+
+def _write_header(content: _Content) -> str:
+    comments = (clean_text(content.comment),)
+    return write_c_values(_build_values(content), comments=comments, precision=content.precision)
+
+
+def _write_values(content: _Content) -> str:
+    found = build_json_values(
+        content.robot, _build_values(content), outcome=content.outcome, sources=content.sources
+    )
+    return write_json(found) + "\n"
+
+
+_WRITERS: dict[str, Callable[[_Content], str]] = {
+    ".toml": _write_toml,
+    ".urdf": _write_urdf,
+    ".xml": _write_mjcf,
+    ".mjcf": _write_mjcf,
+    ".h": _write_header,
+    ".json": _write_values,
+}
+
+
+def _build_values(content: _Content) -> RobotValues:
+    """Return the robot's values as the vectors of its generated functions."""
+    card = build_model_card(content.robot, content.base, ())
+    known = {entry.name: entry for entry in content.found}
+    titles = {
+        "beta": ("Base parameters of links and drives", card.beta),
+        "f": ("Friction parameters", card.friction),
+        "IA": ("Rotor inertias of elastic joints, on the joints' side", card.rotors),
+        "h": ("Parameters of the springs of elastic joints", card.springs),
+    }
+    vectors = []
+    for name, (title, cards) in titles.items():
+        rows = []
+        for entry in cards:
+            found = known.get(entry.name)
+            # A joint whose friction is known in part has none in robot files; here it has that part.
+            value = found.value if entry.value is None and found is not None else entry.value
+            rows.append(
+                ValueRow(
+                    name=clean_text(entry.name),
+                    value=value,
+                    unit=entry.unit,
+                    expression=clean_text(entry.expression),
+                    identified=found.value if found is not None else None,
+                    std=_get_std(found),
+                )
+            )
+        vectors.append(ValueVector(name=name, title=title, rows=tuple(rows)))
+    prefix = build_library_prefix(card.robot)
+    return RobotValues(robot=card.robot, prefix=prefix, signature=card.signature, vectors=tuple(vectors))
+
+
+def _get_std(found: ParameterEstimate | None) -> float | None:
+    """Return the deviation of an identified value, where the method gives one."""
+    return found.std if found is not None and 0.0 < found.std < math.inf else None
+
+
+def _list_omissions(robot: Robot, suffix: str) -> tuple[str, ...]:
+    """Return what the format has no words for."""
+    if suffix == ".urdf":
+        return list_urdf_omissions(robot)
+    if KINDS[suffix] == "MJCF model":
+        return list_mjcf_omissions(robot)
+    return ()
+
+
+def write_friction(robot: Robot, found: FrictionIdentification, source: Path, path: Path) -> FileExport:
+    """Write the robot file with the friction that was identified.
+
+    Friction that no robot file can have stays as the robot file has it, and a notice says why.
+
+    Args:
+        robot: as its file says.
+        found: its friction.
+        source: where the result is from, for messages.
+        path: of the robot file, whose name ends in .toml.
+
+    Raises:
+        UsageError: it is no robot file.
+        EstimateError: the friction is of another model, or none that a robot file can have.
+        OutputError: the file cannot be written.
+    """
+    check_format(path, friction=True)
+    _check_model(found, robot, source)
+    written, kept = _select_written(found, robot)
+    changed = replace(
+        robot,
+        joints=tuple(
+            replace(joint, friction=written.get(joint.name, joint.friction)) for joint in robot.joints
+        ),
+        source=_name_source(found, robot),
+    )
+    text, read = _write_friction_file(changed, found, source)
+    write_file(path, text)
+    laws = {entry.joint: entry.estimate.law for entry in found.joints}
+    return FileExport(
+        file=path,
+        robot=changed,
+        outcome="friction",
+        friction=WrittenFriction(laws=laws, values=written, kept=kept),
+        notices=(
+            *(replace(notice, file=str(path)) for notice in read.notices),
+            *(
+                Notice(
+                    code="export.friction-kept",
+                    text=f"joint {joint!r} keeps the friction of the robot file: {reason}",
+                    file=str(source),
+                )
+                for joint, reason in kept.items()
+            ),
+            *_warn_of_springs(robot, source),
+        ),
+    )
+
+
+def _check_model(found: FrictionIdentification, robot: Robot, source: Path) -> None:
+    """Check that friction was identified with this robot.
+
+    Raises:
+        EstimateError: with another one.
+    """
+    variant = set_identified_friction(build_rigid_variant(robot), found)
+    check_friction_model(found, build_model_card(variant, derive_base_parameters(variant), ()), str(source))
+
+
+def _select_written(
+    found: FrictionIdentification, robot: Robot
+) -> tuple[dict[str, FrictionValues], dict[str, str]]:
+    """Return what can be written, by joint, and for every other joint why its friction stays."""
+    written, kept = {}, dict(found.refused)
+    for entry in found.joints:
+        reason = describe_obstacle(entry)
+        if reason:
+            kept[entry.joint] = reason
+        else:
+            written[entry.joint] = build_robot_friction(entry)
+    order = [joint.name for joint in robot.axes]
+    return written, {name: kept[name] for name in order if name in kept}
+
+
+def _name_source(found: FrictionIdentification, robot: Robot) -> str:
+    before = f"; before: {robot.source}" if robot.source else ""
+    return f"Friction identified from {_list_logs(found)}{before}"
+
+
+def _list_logs(found: FrictionIdentification) -> str:
+    return ", ".join(Path(source).name for source in found.sources)
+
+
+def _write_friction_file(robot: Robot, found: FrictionIdentification, source: Path) -> tuple[str, Robot]:
+    """Return the text of the robot file, and the robot that it is read as.
+
+    Raises:
+        EstimateError: its values are none that a robot file can have.
+    """
+    text = write_robot(robot, comment=f"{robot.name} with friction identified from {_list_logs(found)}.")
+    try:
+        return text, parse_robot(text)
+    except RobotError as error:
+        reasons = "; ".join(notice.text for notice in error.notices)
+        said = f"no robot file can have these values: {reasons}; identify from logs that tell more"
+        raise EstimateError(Notice(code="export.impossible", text=said, file=str(source))) from error
+
+
+def _warn_of_springs(robot: Robot, source: Path) -> tuple[Notice, ...]:
+    if not any(robot.elastic):
+        return ()
+    text = (
+        "friction was identified with rigid joints, so that what springs lose is counted in it; the file has "
+        "the springs besides, and counts that twice where they lose energy"
+    )
+    return (Notice(code="export.friction-springs", text=text, file=str(source)),)

@@ -1,0 +1,504 @@
+"""Searches over all parameters of a friction law between bounds: Ipopt, genetic, annealing, evolution.
+
+FrictionProblem -> FrictionSearch.
+
+    nlp        min_x J(x), lower <= x <= upper, over the physical parameters x, so that fS >= 0, fC >= 0 hold
+               f(x) = |y - Q R t(x)|^2 / scale, t(x) = sum_k c_k(x) Phi_k(v; s(x)), (c, s) = mixing^-1 x
+               with exact first and second derivatives by CasADi, sample by sample; starts fill the box of
+               the shape evenly (Roberts' generalised golden ratio), linear parameters by least squares
+    genetic    tournament of two -> crossover of all parents -> the best of parents and children survive; the
+               crossover mixes the deviations of the whole population, so that children follow a valley.
+               Our own design: Zhang, Hu and Zou (2021) do not say how theirs works
+    annealing  crossover and survival as above, then each candidate x moves to a neighbour x' if dJ < 0 or
+               u < exp(-dJ / T), T_0 = J_max - J_min of the first generation, T_g+1 = cooling T_g; the best
+               one never moves uphill (Metropolis et al., J. Chem. Phys. 21 (1953) 1087; Kirkpatrick, Gelatt
+               and Vecchi, Science 220 (1983) 671-680)
+    evolution  differential evolution of SciPy (Storn and Price, J. Global Optim. 11 (1997) 341-359)
+
+A candidate of the last three is (linear, shape) mapped onto the unit box, positive shape values by their
+logarithm.
+
+Supported: every static law; fixed shape values; the same state of the generator gives the same result.
+Not supported: optima in a kink to full precision and a proof of the optimum (`variable_projection` needs
+a hundredth of the evaluations).
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from symid.arrays import FloatArray
+from symid.identification.friction.estimate import FrictionSearch, SearchOutcome
+from symid.identification.friction.problem import (
+    AnnealingOptions,
+    EvolutionOptions,
+    FrictionNlpOptions,
+    FrictionProblem,
+    GeneticOptions,
+    Projector,
+)
+from symid.ipopt import build_ipopt_functions, describe_ipopt_status
+from symid.joint_models import FrictionLaw, OperatorFriction
+
+_TINY = 1e-100
+
+
+class FrictionNlpCost:
+    """f, its gradient and Hessian; the last point is kept, as the solver asks for it several times."""
+
+    def __init__(self, problem: FrictionProblem, scale: float) -> None:
+        """Build the derivatives of the law; f is J over `scale`."""
+        self.problem, self.scale, self.evaluations = problem, scale, 0
+        self.function = _build_function(problem.law)
+        self.inputs = np.vstack([problem.samples.inputs[name] for name in problem.law.inputs])
+        self.size = len(problem.law.physical)
+        self.upper = np.triu_indices(self.size)
+        self.key = b""
+        self.kept: tuple[FloatArray, FloatArray, FloatArray] | None = None
+
+    def find_value(self, x: FloatArray) -> float:
+        """Return f at x (n,)."""
+        errors = self._find_state(x)[0]
+        return float(errors @ errors) / self.scale
+
+    def find_gradient(self, x: FloatArray) -> FloatArray:
+        """Return df/dx: (n,)."""
+        errors, slopes, _ = self._find_state(x)
+        return np.asarray(slopes.T @ errors * (2.0 / self.scale))
+
+    def find_hessian(self, x: FloatArray) -> FloatArray:
+        """Return d2f/dx2: (n, n)."""
+        _, slopes, bends = self._find_state(x)
+        hessian = slopes.T @ slopes
+        second = np.zeros_like(hessian)
+        second[self.upper] = bends
+        second += np.triu(second, 1).T
+        return np.asarray((hessian + second) * (2.0 / self.scale))
+
+    def _find_state(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return errors (M,), their derivatives (M, n), and errors' sum over second ones, upper triangle."""
+        if self.kept is None or self.key != x.tobytes():
+            self.evaluations += 1
+            samples = self.problem.samples
+            rows = [np.asarray(part, dtype=np.float64).T for part in self.function(x, self.inputs)]
+            passed = samples.pass_columns(np.hstack(rows))
+            basis = self.problem.basis
+            errors = passed[:, 0] - self.problem.target
+            errors = errors - basis @ (basis.T @ errors)
+            slopes = passed[:, 1 : 1 + self.size]
+            slopes = slopes - basis @ (basis.T @ slopes)
+            self.kept = errors, slopes, passed[:, 1 + self.size :].T @ errors
+            self.key = x.tobytes()
+        return self.kept
+
+
+def _build_function(law: FrictionLaw) -> Any:  # noqa: ANN401  # a function of casadi
+    """Return (x (n), inputs (i, N)) -> torque (1, N), gradient (n, N), upper triangle of the Hessian."""
+    import casadi
+
+    x = casadi.SX.sym("x", len(law.physical))
+    inputs = casadi.SX.sym("inputs", len(law.inputs))
+    values = casadi.mtimes(casadi.DM(np.array(law.unmixing, dtype=np.float64)), x)
+    count = len(law.linear)
+    named = {name: inputs[place] for place, name in enumerate(law.inputs)}
+    shape = [values[count + place] for place in range(len(law.shape))]
+    columns = law.columns(_build_carrier(), named, shape)
+    torque = casadi.dot(values[:count], casadi.vertcat(*columns))
+    hessian, gradient = casadi.hessian(torque, x)
+    size = len(law.physical)
+    places = [hessian[i, j] for i in range(size) for j in range(i, size)]
+    return casadi.Function("torque", [x, inputs], [torque, gradient, casadi.vertcat(*places)])
+
+
+def _build_carrier() -> OperatorFriction[Any]:
+    import casadi
+
+    return OperatorFriction(
+        zero=casadi.SX(0.0),
+        one=casadi.SX(1.0),
+        exp=casadi.exp,
+        tanh=casadi.tanh,
+        sin=casadi.sin,
+        cos=casadi.cos,
+        sign=casadi.sign,
+        absolute=casadi.fabs,
+        maximum=casadi.fmax,
+        minimum=casadi.fmin,
+        # At zero, derivatives would hold its logarithm and negative powers, although they vanish.
+        power=lambda base, exponent: casadi.fmax(base, _TINY) ** exponent,
+    )
+
+
+_TRIED = 8
+"""Starts looked at for each that is followed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _FrictionRun:
+    """One start's end: physical parameters (n,), J, how it ended, iterations of Ipopt."""
+
+    x: FloatArray
+    objective: float
+    outcome: SearchOutcome
+    ended: str
+    iterations: int
+
+
+def search_by_nlp(problem: FrictionProblem, options: FrictionNlpOptions) -> FrictionSearch:
+    """Return the least of the optima that the starts lead to.
+
+    Args:
+        problem: of one joint.
+        options: starts, tolerance, limit of iterations.
+    """
+    law, projector = problem.law, Projector(problem, np.iinfo(np.int64).max)
+    low, high = _list_bounds(problem)
+    states = sorted(
+        (projector.project(z) for z in _list_starts(problem, _TRIED * options.starts)),
+        key=lambda state: state.objective,
+    )
+    cost = FrictionNlpCost(
+        problem, max(states[0].objective, 1e-20 * float(problem.target @ problem.target), 1e-300)
+    )
+    history, runs = [states[0].objective], []
+    for state in states[: options.starts]:
+        start = np.array(law.to_physical(list(state.linear), list(state.shape)))
+        runs.append(_run_ipopt(cost, np.clip(start, low, high), low, high, options))
+        history.append(min(history[-1], runs[-1].objective) if runs[-1].outcome.usable else history[-1])
+    usable = [run for run in runs if run.outcome.usable]
+    best = min(usable or runs, key=lambda run: run.objective)
+    iterations = sum(run.iterations for run in runs)
+    linear, shape = law.from_physical([float(value) for value in best.x])
+    same = sum(run.objective <= best.objective * (1.0 + 1e-6) for run in usable)
+    return FrictionSearch(
+        linear=np.array(linear),
+        shape=np.array(shape),
+        objective=best.objective,
+        evaluations=cost.evaluations + projector.evaluations,
+        solves=projector.solves + iterations,
+        iterations=iterations,
+        history=tuple(history),
+        outcome=best.outcome,
+        ended=f"{best.ended}; {same} of {len(runs)} starts end at this optimum",
+        settings=(("starts", len(runs)), ("agreeing", same)),
+    )
+
+
+def _list_bounds(problem: FrictionProblem) -> tuple[FloatArray, FloatArray]:
+    """Return bounds (n,) of the physical parameters; those of the shape are the search's."""
+    law = problem.law
+    box = {
+        entry.name: (float(low), float(high))
+        for entry, low, high in zip(law.shape, problem.low, problem.high, strict=True)
+    }
+    pairs = [box.get(entry.name, (entry.lower, entry.upper)) for entry in law.physical]
+    return np.array([pair[0] for pair in pairs]), np.array([pair[1] for pair in pairs])
+
+
+def _list_starts(problem: FrictionProblem, count: int) -> list[FloatArray]:
+    """Return coordinates of shapes that fill the box evenly, (s,) each; one where nothing is free."""
+    low, high = problem.encode(problem.low), problem.encode(problem.high)
+    free = int(np.sum(problem.is_free))
+    if not free:
+        return [low]
+    # The root of g^(d+1) = g + 1, found by its own iteration.
+    ratio = 2.0
+    for _ in range(60):
+        ratio = (1.0 + ratio) ** (1.0 / (free + 1))
+    steps = ratio ** -np.arange(1.0, free + 1.0)
+    starts = []
+    for number in range(1, count + 1):
+        z = np.array(low)
+        place = problem.is_free > 0.0
+        z[place] += np.mod(0.5 + number * steps, 1.0) * (high - low)[place]
+        starts.append(z)
+    return starts
+
+
+def _run_ipopt(
+    cost: FrictionNlpCost, start: FloatArray, low: FloatArray, high: FloatArray, options: FrictionNlpOptions
+) -> _FrictionRun:
+    """Return the end of one start (n,)."""
+    import casadi
+
+    # One unit of a scaled unknown changes the objective by about one.
+    bend = np.abs(np.diag(cost.find_hessian(start)))
+    scales = np.where(bend > 0.0, 1.0 / np.sqrt(np.where(bend > 0.0, bend, 1.0)), 1.0)
+    functions = build_ipopt_functions(
+        cost.size,
+        lambda z: cost.find_value(z * scales),
+        lambda z: cost.find_gradient(z * scales) * scales,
+        lambda z: cost.find_hessian(z * scales) * np.outer(scales, scales),
+    )
+    unknowns = casadi.MX.sym("x", cost.size)
+    settings = {
+        "grad_f": functions.gradient,
+        "hess_lag": functions.hessian,
+        "no_nlp_grad": True,
+        "print_time": False,
+        "error_on_fail": False,
+        "ipopt": {
+            "print_level": 0,
+            "sb": "yes",
+            "linear_solver": "mumps",
+            "nlp_scaling_method": "none",
+            "bound_relax_factor": 0.0,
+            "tol": options.tolerance,
+            "max_iter": options.iterations,
+            "mu_strategy": "adaptive",
+        },
+    }
+    solver = casadi.nlpsol("friction", "ipopt", {"x": unknowns, "f": functions.value(unknowns)}, settings)
+    answer = solver(x0=start / scales, lbx=low / scales, ubx=high / scales)
+    statistics = solver.stats()
+    name, reason = describe_ipopt_status(str(statistics["return_status"]))
+    outcome, ended = SearchOutcome[name], f"Ipopt ended: {reason}"
+    x = np.clip(np.array(answer["x"], dtype=np.float64).ravel() * scales, low, high)
+    if not np.all(np.isfinite(x)):
+        x, outcome, ended = start, SearchOutcome.FAILED, f"{ended}, without finite numbers"
+    return _FrictionRun(
+        x=x,
+        objective=cost.find_value(x) * cost.scale,
+        outcome=outcome,
+        ended=ended,
+        iterations=int(statistics["iter_count"]),
+    )
+
+
+class UnitBoxProblem:
+    """Candidates of a problem and their objective, counted."""
+
+    def __init__(self, problem: FrictionProblem) -> None:
+        """Keep the problem and its box."""
+        self.problem, self.evaluations = problem, 0
+        self.free = np.flatnonzero(problem.is_free)
+        low, high = problem.encode(problem.low), problem.encode(problem.high)
+        self.fixed = low
+        self.low = np.concatenate([problem.lower, low[self.free]])
+        self.high = np.concatenate([problem.upper, high[self.free]])
+
+    @property
+    def size(self) -> int:
+        """Return d, the number of coordinates."""
+        return len(self.low)
+
+    def express(self, genes: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return linear (P, p) and shape (P, s) of genes (P, d)."""
+        values = self.low + np.clip(genes, 0.0, 1.0) * (self.high - self.low)
+        count = len(self.problem.lower)
+        z = np.tile(self.fixed, (len(genes), 1))
+        z[:, self.free] = values[:, count:]
+        return values[:, :count], self.problem.decode(z)
+
+    def find_objectives(self, genes: FloatArray) -> FloatArray:
+        """Return J (P,) of genes (P, d)."""
+        self.evaluations += len(genes)
+        return self.problem.find_objectives(*self.express(genes))
+
+
+def compute_spread(objectives: FloatArray) -> float:
+    """Return (worst - best) / best of objectives (P,); zero where all are zero."""
+    best, worst = float(np.min(objectives)), float(np.max(objectives))
+    return (worst - best) / best if best > 0.0 else float(worst > 0.0)
+
+
+def draw_children(genes: FloatArray, parents: FloatArray, width: float, generator: Generator) -> FloatArray:
+    """Return a child of each parent by a crossover of all: (P, d), mirrored at the box's faces.
+
+    child = parent + width / sqrt(P) sum_k w_k (x_k - mean), w_k standard normal: the steps have the
+    population's own covariance, so that valleys in any direction are followed.
+
+    Args:
+        genes: the population x (P, d).
+        parents: (P, d).
+        width: of the steps in deviations of the population.
+        generator: of the weights.
+    """
+    count = len(genes)
+    weights = generator.standard_normal((len(parents), count)) * (width / np.sqrt(count))
+    children = np.abs(parents + weights @ (genes - np.mean(genes, axis=0)))
+    mirrored: FloatArray = 1.0 - np.abs(1.0 - np.clip(children, 0.0, 2.0))
+    return mirrored
+
+
+def draw_winners(objectives: FloatArray, generator: Generator) -> NDArray[np.int64]:
+    """Return the better one of two drawn at random, P times: indices (P,)."""
+    first, second = generator.integers(len(objectives), size=(2, len(objectives)))
+    winners: NDArray[np.int64] = np.where(objectives[first] <= objectives[second], first, second)
+    return winners
+
+
+def choose_survivors(
+    genes: FloatArray, objectives: FloatArray, children: FloatArray, reached: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the best P of parents and children, the best first, and their objectives."""
+    both, values = np.vstack([genes, children]), np.concatenate([objectives, reached])
+    kept = np.argsort(values, kind="stable")[: len(genes)]
+    return both[kept], values[kept]
+
+
+def build_population_search(
+    genome: UnitBoxProblem,
+    genes: FloatArray,
+    objectives: FloatArray,
+    *,
+    history: list[float],
+    tolerance: float,
+    settings: tuple[tuple[str, float | int | str], ...],
+    settled: bool,
+) -> FrictionSearch:
+    """Return the best of a last generation, genes (P, d) and objectives (P,), as the end of a search."""
+    best = int(np.argmin(objectives))
+    linear, shape = genome.express(genes[best : best + 1])
+    generations = len(history) - 1
+    return FrictionSearch(
+        linear=linear[0],
+        shape=shape[0],
+        objective=float(objectives[best]),
+        evaluations=genome.evaluations,
+        solves=0,
+        iterations=generations,
+        history=tuple(history),
+        outcome=SearchOutcome.STAGNATED if settled else SearchOutcome.LIMIT,
+        ended=(
+            f"worst and best candidate differ by less than {tolerance:g} of the objective"
+            if settled
+            else f"{generations} generations passed"
+        ),
+        settings=settings,
+    )
+
+
+def search_by_genes(
+    problem: FrictionProblem, options: GeneticOptions, generator: np.random.Generator
+) -> FrictionSearch:
+    """Return the best candidate of the last generation.
+
+    Args:
+        problem: of one joint.
+        options: population, width of the crossover, stop rule.
+        generator: of all random numbers.
+    """
+    genome = UnitBoxProblem(problem)
+    genes = generator.random((options.population * genome.size, genome.size))
+    objectives = genome.find_objectives(genes)
+    history = [float(np.min(objectives))]
+    settled = False
+    while not settled and len(history) <= options.generations:
+        parents = genes[draw_winners(objectives, generator)]
+        children = draw_children(genes, parents, options.width, generator)
+        reached = genome.find_objectives(children)
+        genes, objectives = choose_survivors(genes, objectives, children, reached)
+        history.append(float(objectives[0]))
+        settled = compute_spread(objectives) <= options.tolerance
+    settings = (("population", len(genes)), ("width", options.width))
+    return build_population_search(
+        genome,
+        genes,
+        objectives,
+        history=history,
+        tolerance=options.tolerance,
+        settings=settings,
+        settled=settled,
+    )
+
+
+def search_by_annealing(
+    problem: FrictionProblem, options: AnnealingOptions, generator: np.random.Generator
+) -> FrictionSearch:
+    """Return the best candidate of the last generation.
+
+    Args:
+        problem: of one joint.
+        options: population, widths of crossover and neighbours, cooling, stop rule.
+        generator: of all random numbers.
+    """
+    genome = UnitBoxProblem(problem)
+    genes = generator.random((options.population * genome.size, genome.size))
+    objectives = genome.find_objectives(genes)
+    history = [float(np.min(objectives))]
+    temperature = float(np.max(objectives)) - history[0]
+    settled = False
+    while not settled and len(history) <= options.generations:
+        parents = genes[draw_winners(objectives, generator)]
+        children = draw_children(genes, parents, options.width, generator)
+        genes, objectives = choose_survivors(genes, objectives, children, genome.find_objectives(children))
+        neighbours = draw_children(genes, genes, options.step, generator)
+        reached = genome.find_objectives(neighbours)
+        rise = reached - objectives
+        chance = np.exp(-np.maximum(rise, 0.0) / max(temperature, 1e-300))
+        accepted = generator.random(len(genes)) < chance
+        # Survivors stand in order: the first is the best.
+        accepted[0] = rise[0] < 0.0
+        genes = np.where(accepted[:, None], neighbours, genes)
+        objectives = np.where(accepted, reached, objectives)
+        temperature *= options.cooling
+        history.append(float(np.min(objectives)))
+        settled = compute_spread(objectives) <= options.tolerance
+    settings = (("population", len(genes)), ("width", options.width), ("cooling", options.cooling))
+    return build_population_search(
+        genome,
+        genes,
+        objectives,
+        history=history,
+        tolerance=options.tolerance,
+        settings=settings,
+        settled=settled,
+    )
+
+
+def search_by_evolution(
+    problem: FrictionProblem, options: EvolutionOptions, generator: np.random.Generator
+) -> FrictionSearch:
+    """Return what differential evolution finds.
+
+    Args:
+        problem: of one joint.
+        options: candidates per unknown, generations, spread at the end.
+        generator: of all random numbers.
+    """
+    from scipy.optimize import differential_evolution
+
+    genome = UnitBoxProblem(problem)
+    history: list[float] = []
+
+    def find_objectives(genes: FloatArray) -> FloatArray:
+        objectives = genome.find_objectives(np.atleast_2d(genes.T))
+        least = float(np.min(objectives))
+        history.append(min(history[-1], least) if history else least)
+        return objectives
+
+    answer = differential_evolution(
+        find_objectives,
+        [(0.0, 1.0)] * genome.size,
+        maxiter=options.generations,
+        popsize=options.population,
+        tol=options.tolerance,
+        seed=generator,
+        strategy=options.strategy,
+        recombination=options.recombination,
+        polish=False,
+        vectorized=True,
+        updating="deferred",
+    )
+    linear, shape = genome.express(answer.x[None, :])
+    settled = bool(answer.success)
+    return FrictionSearch(
+        linear=linear[0],
+        shape=shape[0],
+        objective=float(answer.fun),
+        evaluations=genome.evaluations,
+        solves=0,
+        iterations=int(answer.nit),
+        history=tuple(history),
+        outcome=SearchOutcome.STAGNATED if settled else SearchOutcome.LIMIT,
+        ended=(
+            f"the candidates' objectives differ by less than {options.tolerance:g} of their mean"
+            if settled
+            else f"{options.generations} generations passed"
+        ),
+        settings=(("population", options.population * genome.size), ("strategy", options.strategy)),
+    )

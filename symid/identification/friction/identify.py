@@ -1,0 +1,331 @@
+"""Identification of friction: recordings to a law and its parameters for every joint that moves.
+
+Functions of a robot, recordings, processing, FrictionTask -> FrictionIdentification.
+
+    Recording -> JointLogs -> FrictionSamples -> law (named, or chosen) -> FrictionEstimate -> pose test
+
+Supported: motions of one joint or of several at once; several recordings, of several speeds or poses; a
+rigid part that is fitted along or known; laws with a smoothed sign; mean periods of cosine motions.
+Not supported: elastic joints; friction with a state (`presliding`).
+"""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+
+import numpy as np
+
+from symid.arrays import FloatArray
+from symid.codegen import Library
+from symid.errors import IdentifiabilityError, Notice, UsageError
+from symid.identification.estimators import Residual
+from symid.identification.friction.estimate import FrictionEstimate
+from symid.identification.friction.estimators import STOCHASTIC, check_estimator, fit_friction
+from symid.identification.friction.extraction import (
+    ExtractedJoint,
+    JointLogs,
+    extract_joint,
+    fold_recording,
+    prepare_joint_logs,
+)
+from symid.identification.friction.poses import compare_poses, warn_of_friction_pattern
+from symid.identification.friction.problem import FrictionOptions
+from symid.identification.friction.results import FrictionIdentification, JointFriction
+from symid.identification.friction.samples import FrictionSamples, build_friction_rows, compute_velocity_map
+from symid.identification.friction.selection import CANDIDATE_LAWS, LawSelection, predict_rows, select_law
+from symid.joint_models import FrictionLaw, compute_columns, get_law
+from symid.logs import Recording, cut_ends
+from symid.robot import Processing
+
+AUTO = "auto"
+"""The name under which a law is chosen on what was held back."""
+_NOT_PERIODIC = "log.not-periodic"
+_SURE = 2.0
+"""Standard deviations below zero from which an inertia is surely negative."""
+_MUCH = 30.0
+"""Percent of the torque unexplained from which the log itself is in doubt."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrictionTask:
+    """What is asked for.
+
+    Args:
+        model: name of a law, or `AUTO`; candidates: laws among which is chosen then.
+        estimator: of the final fit, one of `estimators.ESTIMATORS`.
+        options: of the estimators.
+        beta: (p,) base parameters that are known, in the order of the model card; None to fit the rigid part.
+        smoothing: speed v0 in rad/s or m/s over which all laws change their sign, 0 for a jump.
+        periods: of cosine motions in s, one for all logs or one for each, to average over them; empty to
+            leave logs as they are.
+        poses: whether poses are compared where there are several.
+    """
+
+    model: str = AUTO
+    candidates: tuple[str, ...] = CANDIDATE_LAWS
+    estimator: str = "varpro"
+    options: FrictionOptions = field(default_factory=FrictionOptions)
+    beta: FloatArray | None = None
+    smoothing: float = 0.0
+    periods: tuple[float, ...] = ()
+    poses: bool = True
+
+
+def identify_friction(
+    library: Library,
+    recordings: Sequence[Recording],
+    processing: Processing,
+    task: FrictionTask | None = None,
+    *,
+    echo: Mapping[str, object] | None = None,
+) -> FrictionIdentification:
+    """Return the friction of every joint that the recordings move.
+
+    Args:
+        library: the robot's functions.
+        recordings: at least one, all of the same robot.
+        processing: filter, cut ends and decimation, the same for all of them.
+        task: what is asked for.
+        echo: further settings to keep with the result.
+
+    Raises:
+        UsageError: no such law or estimator, or no recording; a smoothing that the law has no use for.
+        LogError: a recording does not fit the robot, cannot be processed, or has another period.
+        IdentifiabilityError: nothing can be learnt of any joint.
+        SolverError: a search ended without usable numbers.
+    """
+    task = task or FrictionTask()
+    _check_task(task, recordings)
+    notices: tuple[Notice, ...] = ()
+    if task.periods:
+        recordings, processing, notices = _fold(recordings, processing, task.periods)
+    logs = prepare_joint_logs(library, recordings, processing)
+    joints: list[JointFriction] = []
+    refused: list[tuple[str, str]] = []
+    for joint, card in enumerate(library.card.joints):
+        try:
+            extracted = extract_joint(library, logs, joint, beta=task.beta)
+            found = _identify_joint(library, logs, joint, extracted, task)
+        except IdentifiabilityError as error:
+            refused.append((card.name, "; ".join(entry.text for entry in error.notices)))
+            continue
+        joints.append(found)
+        notices += _warn_of_poses(found)
+        notices += (*extracted.notices, *(_name_joint(entry, card.name) for entry in found.estimate.notices))
+    _check_identified(joints, refused, [entry for entry in notices if entry.code == _NOT_PERIODIC])
+    notices += tuple(
+        Notice(code="friction.joint-refused", text=f"no friction law: {reason}") for _, reason in refused
+    )
+    return FrictionIdentification(
+        robot=library.card.robot,
+        signature=library.card.signature,
+        model=task.model,
+        estimator=task.estimator,
+        joints=tuple(joints),
+        refused=tuple(refused),
+        sources=tuple(recording.source for recording in recordings),
+        settings=_echo(task, logs, echo or {}),
+        notices=tuple(dict.fromkeys(notices)),
+    )
+
+
+def _check_task(task: FrictionTask, recordings: Sequence[Recording]) -> None:
+    if not recordings:
+        raise UsageError(Notice(code="usage.no-log", text="no log was given: name at least one"))
+    if not 0.0 <= task.smoothing < math.inf:
+        text = f"smoothing {task.smoothing:g}: must be 0 or a positive speed in rad/s or m/s"
+        raise UsageError(Notice(code="usage.friction-smoothing", text=text))
+    if task.model != AUTO and (unused := _warn_of_smoothing(get_law(task.model, smoothing=task.smoothing))):
+        raise UsageError(Notice(code="usage.friction-smoothing", text=f"{unused[0].text}; leave it out"))
+    if len(task.periods) not in {0, 1, len(recordings)}:
+        text = (
+            f"{len(task.periods)} periods were given for {len(recordings)} logs: give one for all of them, "
+            "or one for each in their order"
+        )
+        raise UsageError(Notice(code="usage.friction-periods", text=text))
+    check_estimator(task.estimator)
+
+
+def _fold(
+    recordings: Sequence[Recording], processing: Processing, periods: Sequence[float]
+) -> tuple[tuple[Recording, ...], Processing, tuple[Notice, ...]]:
+    """Return mean periods, continued on both sides, and the processing that cuts off what continues them."""
+    cut = [cut_ends(entry, processing.drop_first, processing.drop_last) for entry in recordings]
+    each = periods if len(periods) == len(cut) else [periods[0]] * len(cut)
+    margin = max(round(period / entry.period) for entry, period in zip(cut, each, strict=True))
+    folded = [fold_recording(entry, period, margin=margin) for entry, period in zip(cut, each, strict=True)]
+    notices = tuple(
+        notice
+        for entry in folded
+        for notice in entry.recording.notices
+        if notice.code in {"log.folded", _NOT_PERIODIC}
+    )
+    return (
+        tuple(entry.recording for entry in folded),
+        replace(processing, drop_first=margin, drop_last=margin),
+        notices,
+    )
+
+
+def _identify_joint(
+    library: Library, logs: JointLogs, joint: int, extracted: ExtractedJoint, task: FrictionTask
+) -> JointFriction:
+    samples, card = extracted.samples, library.card.joints[joint]
+    selection: LawSelection | None = None
+    name = task.model
+    if name == AUTO:
+        selection = select_law(
+            samples, task.candidates, smoothing=task.smoothing, options=_drop_bounds(task.options)
+        )
+        name = selection.chosen
+    law = get_law(name, smoothing=task.smoothing)
+    check_inputs(samples, law)
+    generator = np.random.default_rng(task.options.seed) if task.estimator in STOCHASTIC else None
+    estimate = fit_friction(samples, law, estimator=task.estimator, options=task.options, generator=generator)
+    residual = _compute_residual(samples, law, estimate, card.torque_unit)
+    warnings = (
+        *warn_of_friction_pattern(samples, law, estimate),
+        *warn_of_inertia(estimate),
+        *_warn_of_rest(residual),
+        *_warn_of_smoothing(law),
+    )
+    estimate = replace(estimate, notices=(*estimate.notices, *warnings))
+    runs = logs.find_moving(joint)
+    return JointFriction(
+        estimate=estimate,
+        formula=law.formula,
+        smoothing=task.smoothing,
+        unit=card.torque_unit,
+        velocity_unit=f"{card.position_unit}/s",
+        rigid=extracted.rigid,
+        residual=residual,
+        selection=selection,
+        poses=compare_poses(library, logs, joint, law, beta=task.beta) if task.poses else None,
+        velocity_map=compute_velocity_map(samples, estimate.other),
+        sources=tuple(logs.sources[run] for run in runs),
+    )
+
+
+def _drop_bounds(options: FrictionOptions) -> FrictionOptions:
+    """Return the options for laws of all kinds: bounds by name hold for one law."""
+    return replace(options, bounds=())
+
+
+def check_inputs(samples: FrictionSamples, law: FrictionLaw) -> None:
+    """Refuse a law of the load where no load shows.
+
+    Raises:
+        IdentifiabilityError: the law reads what these logs do not tell.
+    """
+    if "load" in law.inputs and samples.load is None:
+        text = (
+            f"joint {samples.joint!r}: law {law.name!r} reads the load, and none shows: links and payload "
+            "take too little of this joint's torque; move it against gravity or with more acceleration, give "
+            "base parameters with --known, or name a law without load"
+        )
+        raise IdentifiabilityError(Notice(code="friction.no-load", text=text))
+
+
+def _warn_of_smoothing(law: FrictionLaw) -> tuple[Notice, ...]:
+    """Return a notice where a smoothed sign is asked of a law that has none."""
+    if not law.smoothing:
+        return ()
+    near = np.array([-2.0, -0.5, 0.5, 2.0]) * law.smoothing
+    inputs = {name: np.ones(len(near)) for name in law.inputs} | {"velocity": near}
+    shape = [min(max(1.0, entry.lower), entry.upper) for entry in law.shape]
+    smooth, sharp = (compute_columns(entry, inputs, shape) for entry in (law, get_law(law.name)))
+    if not np.array_equal(smooth, sharp):
+        return ()
+    text = f"--smoothing changes nothing of law {law.name!r}, which has no sign that jumps"
+    return (Notice(code="friction.smoothing-unused", text=text),)
+
+
+def warn_of_inertia(estimate: FrictionEstimate) -> tuple[Notice, ...]:
+    """Return a notice where the rigid part has an inertia or a mass below zero."""
+    found = next((entry for entry in estimate.extra if entry.name == "J" and entry.value < 0.0), None)
+    if found is None:
+        return ()
+    size = f"J = {found.value:.4g} +- {found.std:.2g} {found.unit} is negative, which no inertia is"
+    sure = found.value < -_SURE * found.std
+    reason = (
+        "the torque may have the wrong sign or a unit be wrong, or the law leaves to J what it misses; check "
+        "the log's columns (log.torque) and scales"
+        if sure
+        else "within its uncertainty it is zero: the motion accelerates too little to show it"
+    )
+    return (Notice(code="friction.negative-inertia", text=f"{size}: {reason}"),)
+
+
+def _warn_of_rest(residual: Residual) -> tuple[Notice, ...]:
+    """Return a notice where most of the torque stays unexplained."""
+    if residual.relative_percent <= _MUCH:
+        return ()
+    text = (
+        f"law and rigid part leave {residual.relative_percent:.3g} % of the torque unexplained: check units "
+        "(radians, not degrees; torque of the joint, not of the motor), columns and signs of the log, and "
+        "whether torque and position were taken at the same times"
+    )
+    return (Notice(code="friction.unexplained", text=text),)
+
+
+def _warn_of_poses(found: JointFriction) -> tuple[Notice, ...]:
+    """Return a notice for every pose that could not be fitted."""
+    skipped = () if found.poses is None else found.poses.skipped
+    return tuple(
+        Notice(code="friction.pose-skipped", text=f"{sources}: left out of the comparison of poses: {reason}")
+        for sources, reason in skipped
+    )
+
+
+def _compute_residual(
+    samples: FrictionSamples, law: FrictionLaw, estimate: FrictionEstimate, unit: str
+) -> Residual:
+    rows = build_friction_rows(samples)
+    norm = float(np.linalg.norm(rows.torque - predict_rows(samples, law, estimate)))
+    whole = float(np.linalg.norm(rows.torque))
+    return Residual(
+        joint=samples.joint,
+        norm=norm,
+        relative_percent=100.0 * norm / whole if whole else float("inf"),
+        std=estimate.sigma,
+        samples=len(rows.torque),
+        unit=unit,
+    )
+
+
+def _name_joint(notice: Notice, joint: str) -> Notice:
+    return replace(notice, text=f"joint {joint!r}: {notice.text}")
+
+
+def _check_identified(
+    joints: Sequence[JointFriction], refused: Sequence[tuple[str, str]], doubts: Sequence[Notice]
+) -> None:
+    """Refuse a result without a single number.
+
+    Raises:
+        IdentifiabilityError: no parameter of friction of any joint can be learnt.
+    """
+    if any(entry.estimate.parameters for entry in joints):
+        return
+    reasons = [reason for _, reason in refused]
+    for entry in joints:
+        told = "; ".join(f"{name}: {reason}" for name, reason in entry.estimate.refused)
+        reasons.append(f"joint {entry.joint!r}, law {entry.estimate.law}: {told}")
+    raise IdentifiabilityError(*(Notice(code="friction.nothing", text=text) for text in reasons), *doubts)
+
+
+def _echo(task: FrictionTask, logs: JointLogs, echo: Mapping[str, object]) -> Mapping[str, object]:
+    """Return the settings as JSON would give them back, so that a stored result equals its origin."""
+    settings = {
+        **echo,
+        "processing": asdict(logs.processing),
+        "model": task.model,
+        "estimator": task.estimator,
+        "smoothing": task.smoothing,
+        "period": list(task.periods) or None,
+        "rigid": "fitted along" if task.beta is None else "known",
+        "seed": task.options.seed,
+    }
+    plain: dict[str, object] = json.loads(json.dumps(settings))
+    return plain

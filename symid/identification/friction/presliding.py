@@ -1,0 +1,461 @@
+"""Friction with a memory (Dahl, LuGre) identified: bristle stiffness and damping, and the law of slip.
+
+FrictionSamples with positions, DynamicLaw -> PreslidingEstimate.
+
+    J = |R tau - R [tau_f(x; p), X c]|^2   over whole recordings, tau_f simulated along the measured way
+
+Between samples the measured way over the period is the velocity of an exact step; at samples the measured
+velocity sets damping and viscous friction. With sigma0 / fC, fS / fC and vs held, the torque is linear in
+fC, sigma1, fV and c: a grid over these ratios, at the scale of the ways in the data, gives starts; the
+best are refined by bounded Gauss-Newton steps with exact derivatives.
+
+Supported: several recordings, each beginning with straight bristles; columns beside friction; filters.
+Not supported: turning back between two samples; noise of the position that is not small against the
+presliding way, fC / sigma0.
+"""
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from symid.arrays import FloatArray
+from symid.errors import IdentifiabilityError, Notice, UsageError
+from symid.identification.estimators import ParameterEstimate
+from symid.identification.friction.estimate import SearchOutcome
+from symid.identification.friction.samples import FrictionSamples
+from symid.joint_models import (
+    DynamicLaw,
+    FrictionPath,
+    build_numpy_carrier,
+    compute_bristle_rate,
+    compute_torque_derivatives,
+    simulate_dynamic_friction,
+)
+
+LINEAR_PARAMETERS = ("sigma1", "fV")
+"""Parameters that the torque is linear in; they may be zero, the others not."""
+
+
+def build_path(samples: FrictionSamples) -> FrictionPath:
+    """Return the way that the samples went: each recording of them begins with straight bristles.
+
+    Raises:
+        IdentifiabilityError: no positions, or nothing moves.
+        UsageError: times that do not increase within a recording.
+    """
+    run = samples.run
+    if samples.position is None or run is None or not np.any(np.diff(samples.position)):
+        text = (
+            f"joint {samples.joint!r}: stiffness and damping of the bristles are learnt from the way of the "
+            "joint while it sticks and begins to slip; these samples have no position, or nothing moves"
+        )
+        raise IdentifiabilityError(Notice(code="friction.presliding-position", text=text))
+    start = np.concatenate([[1.0], (np.diff(run) != 0).astype(np.float64)])
+    period = np.diff(samples.time, prepend=samples.time[:1])
+    period[start > 0] = 0.0
+    if np.any(period[start == 0] <= 0):
+        text = f"joint {samples.joint!r}: times must increase within a recording"
+        raise UsageError(Notice(code="friction.presliding-time", text=text))
+    way = np.diff(samples.position, prepend=samples.position[:1])
+    held = np.divide(way, period, out=np.zeros_like(way), where=period > 0)
+    return FrictionPath(held=held, velocity=samples.velocity, period=period, start=start)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PreslidingProblem:
+    """What is fitted: unknowns are the free values of the law, logarithms unless linear, then c.
+
+    Args:
+        samples, law, path: what was measured, the model, the way.
+        fixed: values that are not fitted, by name.
+        target: (M,) R tau; extra: (M, k) R X.
+    """
+
+    samples: FrictionSamples
+    law: DynamicLaw
+    path: FrictionPath
+    fixed: dict[str, float]
+    target: FloatArray
+    extra: FloatArray
+
+    @property
+    def free(self) -> list[int]:
+        """Return the numbers of the parameters that are fitted."""
+        return [k for k, name in enumerate(self.law.names) if name not in self.fixed]
+
+    @property
+    def logarithmic(self) -> FloatArray:
+        """Return which of them stand as logarithms."""
+        return np.array([self.law.names[k] not in LINEAR_PARAMETERS for k in self.free])
+
+    def split(self, unknowns: FloatArray) -> tuple[list[float], FloatArray]:
+        """Return the values of the law and c."""
+        count = len(self.free)
+        own = unknowns[:count].copy()
+        own[self.logarithmic] = np.exp(own[self.logarithmic])
+        given = dict(zip(self.free, own.tolist(), strict=True))
+        names = enumerate(self.law.names)
+        return [given[k] if k in given else self.fixed[name] for k, name in names], unknowns[count:]
+
+    def find_residual(self, unknowns: FloatArray) -> FloatArray:
+        """Return what the law and the columns beside it give more than was measured, (M,)."""
+        values, other = self.split(unknowns)
+        torque = simulate_dynamic_friction(self.law, values, self.path).torque
+        return self.samples.pass_columns(torque[:, None])[:, 0] + self.extra @ other - self.target
+
+    def find_columns(self, values: Sequence[float]) -> FloatArray:
+        """Return the derivatives (M, p + k) by the free values themselves, and by c."""
+        columns = compute_torque_derivatives(self.law, values, self.path, self.free)
+        return np.hstack([self.samples.pass_columns(columns), self.extra])
+
+    def find_jacobian(self, unknowns: FloatArray) -> FloatArray:
+        """Return the derivatives (M, p + k) by the unknowns."""
+        values, _ = self.split(unknowns)
+        columns = self.find_columns(values)
+        factors = np.where(self.logarithmic, np.array(values)[self.free], 1.0)
+        columns[:, : len(self.free)] *= factors
+        return columns
+
+
+def build_presliding_problem(
+    samples: FrictionSamples, law: DynamicLaw, fixed: Mapping[str, float]
+) -> PreslidingProblem:
+    """Return the problem; values in `fixed` that the law lacks are ignored.
+
+    Raises:
+        IdentifiabilityError: no positions, nothing moves, or there are not more rows than unknowns.
+        UsageError: times that do not increase within a recording, or every parameter is fixed.
+    """
+    if set(law.names) <= set(fixed):
+        text = f"all parameters of {law.name!r} are fixed: leave some to be fitted"
+        raise UsageError(Notice(code="friction.presliding-options", text=text))
+    target = samples.pass_columns(samples.torque[:, None])[:, 0]
+    wide = samples.extra.shape[1] > 0
+    unknowns = sum(name not in fixed for name in law.names) + samples.extra.shape[1]
+    if target.size <= unknowns:
+        text = f"joint {samples.joint!r}: {target.size} rows cannot tell {unknowns} unknowns of {law.name!r}"
+        raise IdentifiabilityError(Notice(code="friction.few-rows", text=text))
+    return PreslidingProblem(
+        samples=samples,
+        law=law,
+        path=build_path(samples),
+        fixed={name: value for name, value in fixed.items() if name in law.names},
+        target=target,
+        extra=samples.pass_columns(samples.extra) if wide else np.zeros((target.size, 0)),
+    )
+
+
+_EXCESS = (1.0, 1.5)
+_QUANTILES = (0.2, 0.6)
+_REACH = float(np.log(1e5))
+"""How far a refinement may go from its start, as the logarithm of a ratio."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PreslidingOptions:
+    """Settings.
+
+    Args:
+        fixed: name and value of parameters that are not fitted; those that the law lacks are ignored.
+        stiffnesses: points of the grid over sigma0 / fC.
+        starts: how many points of the grid are refined.
+        iterations: most steps of a refinement.
+        largest_std: relative standard deviation beyond which a parameter is refused.
+    """
+
+    fixed: tuple[tuple[str, float], ...] = (("gamma", 2.0),)
+    stiffnesses: int = 16
+    starts: int = 2
+    iterations: int = 60
+    largest_std: float = 0.5
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            UsageError: a count below one, or a deviation that is not positive.
+        """
+        if min(self.stiffnesses, self.starts, self.iterations) < 1 or not self.largest_std > 0:
+            text = "stiffnesses, starts and iterations must be at least 1, largest_std positive"
+            raise UsageError(Notice(code="friction.presliding-options", text=text))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PreslidingEstimate:
+    """The result of a fit.
+
+    Args:
+        joint, law: their names.
+        parameters: of the law, fitted and not refused; extra: beside it; fixed: those that were given.
+        refused: parameters that these samples cannot tell, with the reason.
+        values: all values in the order of the law; other: of the columns beside it. They predict motions like
+            those fitted; that of a refused parameter means nothing by itself.
+        objective: J, (N m)^2 or N^2; sigma: standard deviation of the residual; samples: rows of the fit.
+        evaluations: how often the torque was simulated; outcome: how it ended.
+        notices: what a reader should know.
+    """
+
+    joint: str
+    law: str
+    parameters: tuple[ParameterEstimate, ...]
+    extra: tuple[ParameterEstimate, ...]
+    fixed: tuple[tuple[str, float], ...]
+    refused: tuple[tuple[str, str], ...]
+    values: tuple[float, ...]
+    other: tuple[float, ...]
+    objective: float
+    sigma: float
+    samples: int
+    evaluations: int
+    outcome: SearchOutcome
+    notices: tuple[Notice, ...] = ()
+
+    def get_value(self, name: str) -> float | None:
+        """Return a parameter's value, None where it was refused or not fitted."""
+        return {entry.name: entry.value for entry in (*self.parameters, *self.extra)}.get(name)
+
+    def get_std(self, name: str) -> float | None:
+        """Return a parameter's standard deviation, None where it was refused or not fitted."""
+        return {entry.name: entry.std for entry in (*self.parameters, *self.extra)}.get(name)
+
+
+def _build_grid(problem: PreslidingProblem, options: PreslidingOptions) -> list[list[float]]:
+    """Return the grid: values of the law with fC = 1 and no damping, viscous friction."""
+    path, names = problem.path, problem.law.names
+    way = np.abs(path.held) * path.period
+    moving = np.abs(path.held)[way > 0]
+    shortest = float(np.quantile(way[way > 0], 0.05))
+    longest = float(np.ptp(problem.samples.position)) if problem.samples.position is not None else 1.0
+    stiffnesses = np.geomspace(0.5 / longest, 1.0 / max(shortest, 1e-6 * longest), options.stiffnesses)
+    stribeck = "vs" in names
+    speeds = np.quantile(moving, _QUANTILES) if stribeck else np.ones(1)
+    rows = []
+    for stiffness, excess, speed in itertools.product(stiffnesses, _EXCESS if stribeck else (1.0,), speeds):
+        given = {"sigma0": stiffness, "fC": 1.0, "fS": excess, "vs": speed, "sigma1": 0.0, "fV": 0.0}
+        given |= {"gamma": 2.0}
+        rows.append([float(problem.fixed.get(name, given[name])) for name in names])
+    return rows
+
+
+def _solve_start(problem: PreslidingProblem, values: list[float]) -> tuple[float, FloatArray]:
+    """Return J and unknowns for the ratios of `values`: fC, sigma1, fV and c by linear least squares."""
+    law, names = problem.law, problem.law.names
+    states, velocity = simulate_dynamic_friction(law, values, problem.path).state, problem.path.velocity
+    numbers: list[FloatArray] = [np.asarray(value) for value in values]
+    rates = compute_bristle_rate(build_numpy_carrier(), law, velocity, states, numbers)
+    linear = [name for name in LINEAR_PARAMETERS if name in names and name not in problem.fixed]
+    terms = {"sigma1": rates, "fV": velocity}
+    own = np.column_stack([values[0] * states, *(terms[name] for name in linear)])
+    columns = np.hstack([problem.samples.pass_columns(own), problem.extra])
+    found, *_ = np.linalg.lstsq(columns, problem.target, rcond=None)
+    scale = max(float(found[0]), 1e-3 * float(np.abs(problem.target).max()))
+    physical = dict(zip(names, values, strict=True))
+    for name in ("sigma0", "fC", "fS"):
+        if name in physical and name not in problem.fixed:
+            physical[name] *= scale
+    for name, value in zip(linear, found[1 : 1 + len(linear)], strict=True):
+        physical[name] = max(float(value), 0.0)
+    residual = columns @ np.concatenate([[scale], found[1:]]) - problem.target
+    start = np.array([physical[names[k]] for k in problem.free])
+    start[problem.logarithmic] = np.log(start[problem.logarithmic])
+    return float(residual @ residual), np.concatenate([start, found[1 + len(linear) :]])
+
+
+def fit_presliding(
+    samples: FrictionSamples, law: DynamicLaw, options: PreslidingOptions | None = None
+) -> PreslidingEstimate:
+    """Return the parameters of a law with a memory, all from the same samples.
+
+    Raises:
+        IdentifiabilityError: no positions, nothing moves, or there are fewer rows than unknowns.
+        UsageError: times that do not increase within a recording.
+    """
+    from scipy.optimize import least_squares
+
+    options = options or PreslidingOptions()
+    problem = build_presliding_problem(samples, law, dict(options.fixed))
+    grid = [_solve_start(problem, values) for values in _build_grid(problem, options)]
+    grid.sort(key=lambda pair: pair[0])
+    searches = [
+        least_squares(
+            problem.find_residual,
+            start,
+            jac=problem.find_jacobian,
+            bounds=_list_bounds(problem, start),
+            x_scale="jac",
+            max_nfev=options.iterations,
+            xtol=1e-9,
+            ftol=1e-10,
+            gtol=1e-10,
+        )
+        for _, start in grid[: options.starts]
+    ]
+    best = min(searches, key=lambda search: search.cost)
+    evaluations = 2 * len(grid) + sum(int(search.nfev) for search in searches)
+    outcome = SearchOutcome.CONVERGED if best.status > 0 else SearchOutcome.LIMIT
+    return _build_estimate(problem, options, np.asarray(best.x), (evaluations, outcome))
+
+
+def _list_bounds(problem: PreslidingProblem, start: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the box of a refinement: logarithms near their start and as the law allows, c free."""
+    lower, upper = np.full(start.size, -np.inf), np.full(start.size, np.inf)
+    for place, (k, logarithmic) in enumerate(zip(problem.free, problem.logarithmic, strict=True)):
+        parameter = problem.law.parameters[k]
+        if not logarithmic:
+            lower[place] = parameter.lower
+            continue
+        least = np.log(parameter.lower) if parameter.lower > 0.0 else -np.inf
+        lower[place] = max(start[place] - _REACH, least)
+        upper[place] = min(start[place] + _REACH, np.log(parameter.upper))
+    return lower, upper
+
+
+def _compute_covariance(columns: FloatArray, sigma: float) -> FloatArray:
+    """Return the covariance (p, p); huge where the columns do not tell."""
+    sizes = np.linalg.norm(columns, axis=0)
+    sizes[sizes == 0.0] = 1e-150
+    _, singular, directions = np.linalg.svd(columns / sizes, full_matrices=False)
+    roots = directions.T / np.maximum(singular, 1e-13 * singular[0]) / sizes[:, None]
+    covariance: FloatArray = sigma**2 * roots @ roots.T
+    return covariance
+
+
+def _is_flat(problem: PreslidingProblem, values: list[float], covariance: FloatArray) -> bool:
+    """Return whether static and Coulomb friction differ by less than three standard deviations."""
+    names = [problem.law.names[k] for k in problem.free]
+    if "fS" not in names or "fC" not in names:
+        return False
+    one, other = names.index("fS"), names.index("fC")
+    variance = covariance[one, one] + covariance[other, other] - 2.0 * covariance[one, other]
+    gap = values[problem.free[one]] - values[problem.free[other]]
+    return bool(gap**2 < 9.0 * variance)
+
+
+def _compute_equal_damping(problem: PreslidingProblem, torque: FloatArray) -> float:
+    """Return the damping whose torque would be as large as the torque explained (M,), at the median speed."""
+    speeds = np.abs(problem.path.held[problem.path.held != 0.0])
+    return float(np.sqrt(np.mean(torque**2)) / np.median(speeds))
+
+
+def _sort_entries(
+    problem: PreslidingProblem,
+    limits: tuple[float, float],
+    values: list[float],
+    other: FloatArray,
+    covariance: FloatArray,
+) -> tuple[list[ParameterEstimate], list[tuple[str, str]]]:
+    """Return what the samples tell, and what they do not.
+
+    `limits` are the largest relative deviation and the damping that it is relative to where one is zero.
+    """
+    samples, (largest, damping) = problem.samples, limits
+    units = samples.extra_units or ("",) * len(samples.extra_names)
+    entries = [(_get_name_and_unit(problem, k), values[k]) for k in problem.free]
+    entries += list(zip(zip(samples.extra_names, units, strict=True), other.tolist(), strict=True))
+    flat = _is_flat(problem, values, covariance)
+    told, refused = [], []
+    for ((name, unit), value), variance in zip(entries, np.diag(covariance).tolist(), strict=True):
+        std = float(np.sqrt(variance))
+        # Only what would have shown in the torque is known to be none.
+        at_zero = name in LINEAR_PARAMETERS and value <= 1e-6 * std and std <= largest * damping
+        if name == "vs" and flat:
+            text = f"joint {samples.joint!r}: vs has no meaning: static and Coulomb friction do not differ"
+            refused.append((name, text))
+            continue
+        if std > largest * abs(value) and not at_zero:
+            refused.append((name, _describe_refusal(problem, name, std, value)))
+            continue
+        reason = "at its bound, zero" if at_zero else _describe_bound(problem, name, value)
+        told.append(ParameterEstimate(name=name, value=value, std=std, unit=unit, reason=reason))
+    return told, refused
+
+
+def _build_estimate(
+    problem: PreslidingProblem,
+    options: PreslidingOptions,
+    unknowns: FloatArray,
+    ending: tuple[int, SearchOutcome],
+) -> PreslidingEstimate:
+    values, other = problem.split(unknowns)
+    residual = problem.find_residual(unknowns)
+    objective = float(residual @ residual)
+    sigma = float(np.sqrt(objective / max(residual.size - unknowns.size, 1)))
+    covariance = _compute_covariance(problem.find_columns(values), sigma)
+    limits = (options.largest_std, _compute_equal_damping(problem, residual + problem.target))
+    told, refused = _sort_entries(problem, limits, values, other, covariance)
+    own = [entry for entry in told if entry.name in problem.law.names]
+    evaluations, outcome = ending
+    if outcome is SearchOutcome.CONVERGED and refused:
+        outcome = SearchOutcome.SOME_REFUSED
+    return PreslidingEstimate(
+        joint=problem.samples.joint,
+        law=problem.law.name,
+        parameters=tuple(own),
+        extra=tuple(entry for entry in told if entry not in own),
+        fixed=tuple(problem.fixed.items()),
+        refused=tuple(refused),
+        values=tuple(values),
+        other=tuple(other.tolist()),
+        objective=objective,
+        sigma=sigma,
+        samples=residual.size,
+        evaluations=evaluations,
+        outcome=outcome,
+        notices=_list_notices(problem, values, [name for name, _ in refused]),
+    )
+
+
+def _describe_bound(problem: PreslidingProblem, name: str, value: float) -> str:
+    for parameter in problem.law.parameters:
+        ends = (parameter.lower, parameter.upper)
+        if parameter.name == name and any(abs(value - end) <= 1e-4 * abs(end) for end in ends if end):
+            return f"at its bound, {value:.3g}"
+    return ""
+
+
+def _get_name_and_unit(problem: PreslidingProblem, index: int) -> tuple[str, str]:
+    parameter = problem.law.parameters[index]
+    return parameter.name, parameter.unit_prismatic if problem.samples.prismatic else parameter.unit
+
+
+_REASONS = {
+    "sigma0": "the joint must stick and turn back within the way that its bristles bend, fC / sigma0",
+    "sigma1": "the joint must move fast enough while it sticks: near 1 / s of sigma0 / sigma1",
+    "fS": "the joint must break away slowly, or slip at speeds below vs",
+    "vs": "the joint must slip at speeds around vs, and its friction must fall there",
+    "fC": "the joint must slip",
+    "fV": "the joint must slip at speeds far apart",
+}
+
+
+def _describe_refusal(problem: PreslidingProblem, name: str, std: float, value: float) -> str:
+    reason = _REASONS.get(name, "its column is too small, or others stand in for it")
+    percent = 100.0 * std / abs(value) if value else np.inf
+    size = "infinite" if percent > 1e6 else f"{percent:.0f} %"
+    return (
+        f"joint {problem.samples.joint!r}: {name} cannot be told from these samples "
+        f"(relative deviation {size}): {reason}"
+    )
+
+
+def _list_notices(problem: PreslidingProblem, values: list[float], refused: list[str]) -> tuple[Notice, ...]:
+    named = dict(zip(problem.law.names, values, strict=True))
+    notices = []
+    if named.get("fS", np.inf) < named["fC"] and not {"fS", "fC", "vs"} & set(refused):
+        text = (
+            f"joint {problem.samples.joint!r}: static friction {named['fS']:.4g} came out below "
+            f"Coulomb friction {named['fC']:.4g}: this joint's friction does not fall with speed"
+        )
+        notices.append(Notice(code="friction.presliding-static", text=text))
+    moving = np.abs(problem.path.held) * problem.path.period
+    bend = named["fC"] / named["sigma0"]
+    inside = int(np.sum((moving > 0) & (moving < bend)))
+    if inside < 20 and "sigma0" not in refused:
+        text = (
+            f"joint {problem.samples.joint!r}: only {inside} samples moved less than the presliding way "
+            f"{bend:.3g}: sample faster, or move slower around reversals"
+        )
+        notices.append(Notice(code="friction.presliding-few", text=text))
+    return tuple(notices)

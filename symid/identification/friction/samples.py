@@ -1,0 +1,280 @@
+"""What friction of one joint is fitted to: samples, the rows that filters leave, the velocity-torque map.
+
+Arrays of one joint in SI units -> FrictionSamples -> FrictionRows, VelocityMap.
+
+    tau = Phi(v; shape) linear + X extra + noise,    R tau = R [Phi, X] c + R noise
+
+R is a linear operator that the torque and all columns pass alike: a filter, a decimation, both. Rows are
+chosen behind R, so that what is left out has passed the same filter as what stays. The map has intervals
+of velocity with equal numbers of rows, direction by direction.
+
+Supported: velocity, load and position as inputs of a law; columns of known form beside friction; several
+recordings, each filtered by itself; a thinned cloud of single rows for figures.
+Not supported: several joints at once; R that depends on the values it acts on; maps over load or
+position.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symid.arrays import FloatArray, freeze
+from symid.errors import LogError, Notice
+from symid.logs import decimate_columns
+from symid.robot import Decimation
+
+Reduction = Callable[[FloatArray], FloatArray]
+"""A linear operator on columns: (N, c) -> (M, c)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FrictionSamples:
+    """Samples of one joint.
+
+    Args:
+        joint: its name.
+        time: (N,) s.
+        velocity: (N,) rad/s or m/s.
+        torque: (N,) N m or N; positive where it drives towards positive velocity.
+        extra: (N, k) columns that stand beside friction, as ddq, sin q, cos q; (N, 0) for none.
+        extra_names: of these columns.
+        extra_units: of what multiplies them; empty where they are not known.
+        load: (N,) torque that the gear carries, N m or N; None where it is not known.
+        position: (N,) rad or m; None where it is not known.
+        run: (N,) which recording or pose a sample belongs to, counted from zero; None: all of one.
+        reduce: R, which torque and all columns pass; None for the identity.
+        prismatic: whether the joint moves along its axis.
+        noise: standard deviation of the torque's noise behind R, N m or N; None where it is not known.
+
+    Raises:
+        LogError: arrays of different length, empty, or with numbers that are not finite.
+    """
+
+    joint: str
+    time: FloatArray
+    velocity: FloatArray
+    torque: FloatArray
+    extra: FloatArray
+    extra_names: tuple[str, ...] = ()
+    extra_units: tuple[str, ...] = ()
+    load: FloatArray | None = None
+    position: FloatArray | None = None
+    run: NDArray[np.int64] | None = None
+    reduce: Reduction | None = None
+    prismatic: bool = False
+    noise: float | None = None
+
+    def __post_init__(self) -> None:
+        """Copy the arrays, make them read-only, check them."""
+        for name in ("time", "velocity", "torque", "extra", "load", "position"):
+            values = getattr(self, name)
+            if values is not None:
+                object.__setattr__(self, name, freeze(values))
+        run = np.array(np.zeros(len(self.time)) if self.run is None else self.run, dtype=np.int64)
+        run.setflags(write=False)
+        object.__setattr__(self, "run", run)
+        mistakes = _list_mistakes(self)
+        if mistakes:
+            raise LogError(*(Notice(code="friction.samples", text=text) for text in mistakes))
+
+    @property
+    def count(self) -> int:
+        """Return N, the number of samples."""
+        return len(self.velocity)
+
+    @property
+    def inputs(self) -> dict[str, FloatArray]:
+        """Return what a law may read: velocity, and load and position where they are known, (N,) each."""
+        given = {"velocity": self.velocity, "load": self.load, "position": self.position}
+        return {name: values for name, values in given.items() if values is not None}
+
+    def pass_columns(self, columns: FloatArray) -> FloatArray:
+        """Return R applied to columns (N, c): (M, c)."""
+        return columns if self.reduce is None else self.reduce(columns)
+
+
+def _list_mistakes(samples: FrictionSamples) -> list[str]:
+    mistakes = []
+    count = len(samples.velocity)
+    if count == 0:
+        mistakes.append(f"joint {samples.joint!r}: there are no samples")
+    for name in ("time", "velocity", "torque", "load", "position", "run"):
+        values = getattr(samples, name)
+        if values is not None and values.shape != (count,):
+            mistakes.append(f"joint {samples.joint!r}: {name} has shape {values.shape}, not ({count},)")
+    wide = (count, len(samples.extra_names))
+    if samples.extra.shape != wide:
+        mistakes.append(f"joint {samples.joint!r}: extra has shape {samples.extra.shape}, not {wide}")
+    if samples.extra_units and len(samples.extra_units) != len(samples.extra_names):
+        mistakes.append(f"joint {samples.joint!r}: extra_units must be one for each of extra_names, or none")
+    mistakes += [
+        f"joint {samples.joint!r}: {name} holds numbers that are not finite"
+        for name in ("time", "velocity", "torque", "extra", "load", "position")
+        if getattr(samples, name) is not None and not np.all(np.isfinite(getattr(samples, name)))
+    ]
+    if samples.noise is not None and not 0.0 < samples.noise < np.inf:
+        mistakes.append(f"joint {samples.joint!r}: noise {samples.noise:g} must be positive, or not given")
+    return mistakes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FrictionRows:
+    """Rows of one joint.
+
+    Args:
+        time: (M,) s. velocity: (M,) rad/s or m/s. torque: (M,) N m or N. extra: (M, k) of the samples.
+        run: (M,) which recording a row belongs to.
+    """
+
+    time: FloatArray
+    velocity: FloatArray
+    torque: FloatArray
+    extra: FloatArray
+    run: NDArray[np.intp]
+
+    def __post_init__(self) -> None:
+        """Copy the arrays and make them read-only."""
+        for name in ("time", "velocity", "torque", "extra"):
+            object.__setattr__(self, name, freeze(getattr(self, name)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Decimated:
+    """Decimation of each recording by itself."""
+
+    lengths: tuple[int, ...]
+    decimation: Decimation
+
+    def __call__(self, columns: FloatArray) -> FloatArray:
+        parts = np.split(columns, np.cumsum(self.lengths)[:-1])
+        return np.vstack([decimate_columns(part, self.decimation) for part in parts])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Selected:
+    """Some of the rows that another reduction leaves."""
+
+    whole: Reduction
+    kept: NDArray[np.intp]
+
+    def __call__(self, columns: FloatArray) -> FloatArray:
+        chosen: FloatArray = self.whole(columns)[self.kept]
+        return chosen
+
+
+def build_reduction(lengths: Sequence[int], decimation: Decimation) -> Reduction | None:
+    """Return the operator that decimates recordings of these numbers of samples; None for no decimation."""
+    if decimation.factor == 1:
+        return None
+    return _Decimated(lengths=tuple(lengths), decimation=decimation)
+
+
+def build_friction_rows(samples: FrictionSamples) -> FrictionRows:
+    """Return the rows that the samples are fitted as."""
+    ones = np.ones(samples.count)
+    run = np.zeros(samples.count) if samples.run is None else samples.run
+    columns: FloatArray = np.column_stack(
+        [ones, samples.time, samples.velocity, run, samples.torque, samples.extra]
+    )
+    passed = samples.pass_columns(columns)
+    # A filter whose gain at rest is not one scales constants, which say where a row is.
+    gain = passed[:, 0]
+    return FrictionRows(
+        time=passed[:, 1] / gain,
+        velocity=passed[:, 2] / gain,
+        run=np.rint(passed[:, 3] / gain).astype(np.intp),
+        torque=passed[:, 4],
+        extra=passed[:, 5:],
+    )
+
+
+def select_friction_rows(samples: FrictionSamples, kept: NDArray[np.bool_]) -> FrictionSamples:
+    """Return the samples with only the rows `kept` (M,)."""
+    index = np.flatnonzero(kept)
+    if samples.reduce is not None:
+        return replace(samples, reduce=_Selected(whole=samples.reduce, kept=index))
+    return replace(
+        samples,
+        time=samples.time[index],
+        velocity=samples.velocity[index],
+        torque=samples.torque[index],
+        extra=samples.extra[index],
+        load=None if samples.load is None else samples.load[index],
+        position=None if samples.position is None else samples.position[index],
+        run=None if samples.run is None else samples.run[index],
+    )
+
+
+INTERVALS = 20
+"""Of each direction, at most."""
+LEAST_ROWS = 5
+"""Of an interval."""
+CLOUD = 600
+"""Rows of the cloud, at most."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class VelocityMap:
+    """Friction torque in intervals of velocity.
+
+    Args:
+        velocity: (B,) mean of each interval, rad/s or m/s, rising. torque: (B,) mean, N m or N.
+        spread: (B,) standard deviation of the rows. count: (B,) rows.
+        cloud_velocity, cloud_torque: (C,) single rows, evenly over time.
+        slowest: speed of the slowest row of all, rad/s or m/s.
+    """
+
+    velocity: FloatArray
+    torque: FloatArray
+    spread: FloatArray
+    count: FloatArray
+    cloud_velocity: FloatArray
+    cloud_torque: FloatArray
+    slowest: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Copy the arrays and make them read-only."""
+        for name in ("velocity", "torque", "spread", "count", "cloud_velocity", "cloud_torque"):
+            object.__setattr__(self, name, freeze(getattr(self, name)))
+
+
+def compute_velocity_map(
+    samples: FrictionSamples, other: FloatArray | tuple[float, ...] = (), *, intervals: int = INTERVALS
+) -> VelocityMap:
+    """Return the map of what is left of the torque without its rigid part.
+
+    Args:
+        samples: of one joint.
+        other: (k,) what multiplies the columns beside friction.
+        intervals: of each direction, at most.
+    """
+    rows = build_friction_rows(samples)
+    torque = rows.torque - rows.extra @ np.asarray(other, dtype=np.float64)
+    parts: list[tuple[float, float, float, float]] = []
+    for direction in (-1.0, 1.0):
+        index = np.flatnonzero(direction * rows.velocity > 0.0)
+        order = index[np.argsort(rows.velocity[index], kind="stable")]
+        count = min(intervals, len(order) // LEAST_ROWS)
+        for group in np.array_split(order, count) if count else ():
+            values = torque[group]
+            parts.append(
+                (
+                    float(np.mean(rows.velocity[group])),
+                    float(np.mean(values)),
+                    float(np.std(values)),
+                    float(len(group)),
+                )
+            )
+    table = np.array(parts).reshape(-1, 4)
+    kept = np.unique(np.linspace(0, len(torque) - 1, min(CLOUD, len(torque))).astype(int))
+    return VelocityMap(
+        velocity=table[:, 0],
+        torque=table[:, 1],
+        spread=table[:, 2],
+        count=table[:, 3],
+        cloud_velocity=rows.velocity[kept],
+        cloud_torque=torque[kept],
+        slowest=float(np.min(np.abs(rows.velocity), initial=np.inf)),
+    )

@@ -1,0 +1,372 @@
+"""What identified friction explains of a log that it was not fitted to; nothing is fitted.
+
+FrictionIdentification, the library of the same model, a recording -> Validation.
+
+    tau^ = Phi(dq; shape) linear + X other,    relative residual = |R (tau - tau^)| / |R tau|
+
+The rows are those of the fit: filter, decimation, rows below standstill left out. X has the columns that
+were fitted along; where base parameters were known, tau is without them, as in the fit.
+
+Supported: joints that move in the log, and whose rigid part the logs of the fit identified.
+Not supported: mean periods; the rows of the log are taken one by one.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symid.arrays import FloatArray
+from symid.codegen import Library, ModelCard
+from symid.errors import EstimateError, IdentifiabilityError, Notice
+from symid.identification.estimators import Residual, Series, Validation
+from symid.identification.friction.extraction import (
+    JointLogs,
+    RigidColumns,
+    build_rigid_columns,
+    list_independent,
+    prepare_joint_logs,
+)
+from symid.identification.friction.results import FrictionIdentification, JointFriction
+from symid.identification.friction.samples import (
+    FrictionRows,
+    FrictionSamples,
+    build_friction_rows,
+    build_reduction,
+    select_friction_rows,
+)
+from symid.identification.friction.selection import predict_rows
+from symid.joint_models import FrictionLaw, get_law
+from symid.logs import Recording, Signals, is_log_of_fit
+from symid.robot import Processing
+
+_PHYSICAL = ("J", "a", "b")
+_BEYOND = 1.05
+"""Speed relative to the fastest that was fitted from which a law is extrapolated."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _JointValidation:
+    residual: Residual
+    series: Series
+    notices: tuple[Notice, ...]
+
+
+def validate_friction(
+    found: FrictionIdentification, library: Library, recording: Recording, processing: Processing
+) -> Validation:
+    """Return residuals and series of `recording` under identified friction, joint by joint.
+
+    Args:
+        found: of the same model as the library.
+        library: the robot's functions.
+        recording: of the robot.
+        processing: that of the fit.
+
+    Raises:
+        EstimateError: the friction belongs to another model.
+        LogError: the recording does not fit the robot.
+        IdentifiabilityError: nothing can be said of any joint.
+    """
+    check_friction_model(found, library.card)
+    beta = read_known_parameters(found, library.card)
+    logs = prepare_joint_logs(library, (recording,), processing)
+    trials: list[_JointValidation] = []
+    lost: list[Notice] = []
+    for entry in found.joints:
+        try:
+            trials.append(_validate_joint(entry, library, logs, beta))
+        except IdentifiabilityError as error:
+            lost += error.notices
+    if not trials:
+        raise IdentifiabilityError(*lost)
+    fitted = is_log_of_fit(recording, found.sources, found.settings)
+    return Validation(
+        robot=found.robot,
+        signature=found.signature,
+        source=recording.source,
+        rows="friction",
+        residual=tuple(trial.residual for trial in trials),
+        series=tuple(trial.series for trial in trials),
+        samples=sum(trial.residual.samples for trial in trials),
+        fitted=fitted,
+        notices=(
+            *([_warn_of_fitted_log(recording.source)] if fitted else []),
+            *lost,
+            *(notice for trial in trials for notice in trial.notices),
+        ),
+    )
+
+
+def check_friction_model(found: FrictionIdentification, card: ModelCard, file: str = "") -> None:
+    """Check that friction was identified with the model of `card`.
+
+    Raises:
+        EstimateError: with another one; the message says which.
+    """
+    check_friction_robot(found, card.robot, file)
+    if found.signature != card.signature:
+        difference = (
+            f"the model of robot {card.robot!r} is another one now: its signature is {card.signature[:12]}, "
+            f"the friction's {found.signature[:12]}"
+        )
+        raise _refuse_model(difference, file)
+    known, given = [joint.name for joint in card.joints], [entry.joint for entry in found.joints]
+    wrong = [name for name in dict.fromkeys(given) if name not in known or given.count(name) > 1]
+    if wrong:
+        difference = f"{', '.join(map(repr, wrong))} must be joints of robot {card.robot!r}, each once"
+        raise _refuse_model(difference, file)
+
+
+def check_friction_robot(found: FrictionIdentification, robot: str, file: str = "") -> None:
+    """Check that friction was identified for the robot of this name.
+
+    Raises:
+        EstimateError: for another one.
+    """
+    if found.robot != robot:
+        difference = f"it was identified for robot {found.robot!r}, the robot given is {robot!r}"
+        raise _refuse_model(difference, file)
+
+
+def _refuse_model(difference: str, file: str) -> EstimateError:
+    text = (
+        f"the friction does not fit the model: {difference}; give the robot file that it was identified "
+        "with, or identify again"
+    )
+    return EstimateError(Notice(code="estimate.signature", text=text, file=file))
+
+
+def read_known_parameters(found: FrictionIdentification, card: ModelCard) -> FloatArray | None:
+    """Return the base parameters (p,) that were subtracted; None where the rigid part was fitted along.
+
+    Raises:
+        EstimateError: the friction does not say their values.
+    """
+    if found.settings.get("rigid") != "known":
+        return None
+    values = found.settings.get("known_values")
+    names = [entry.name for entry in card.beta]
+    numbers = [values.get(name) for name in names] if isinstance(values, Mapping) else [None]
+    plain = [float(value) for value in numbers if isinstance(value, int | float)]
+    if len(plain) != len(names):
+        text = "its settings have no usable 'known_values', the base parameters it rests on; identify again"
+        raise EstimateError(Notice(code="estimate.settings", text=text))
+    return np.array(plain)
+
+
+def _validate_joint(
+    entry: JointFriction, library: Library, logs: JointLogs, beta: FloatArray | None
+) -> _JointValidation:
+    """Return what the friction of a joint explains.
+
+    Raises:
+        IdentifiabilityError: nothing can be said of it.
+    """
+    law = get_law(entry.estimate.law, smoothing=entry.smoothing)
+    joint = [card.name for card in library.card.joints].index(entry.joint)
+    if not logs.find_moving(joint):
+        raise _leave_out(entry.joint, "it does not move of its own in this log")
+    samples, notices = _build_samples(entry, library, logs, joint, beta)
+    samples, told = _choose_rows(samples, entry, law, logs.processing.standstill)
+    rows = build_friction_rows(samples)
+    predicted = predict_rows(samples, law, entry.estimate)
+    norm, whole = (float(np.linalg.norm(part)) for part in (rows.torque - predicted, rows.torque))
+    return _JointValidation(
+        residual=Residual(
+            joint=entry.joint,
+            norm=norm,
+            relative_percent=100.0 * norm / whole if whole else float("inf"),
+            std=norm / float(np.sqrt(len(predicted))),
+            samples=len(predicted),
+            unit=entry.unit,
+        ),
+        series=Series(
+            joint=entry.joint,
+            unit=entry.unit,
+            velocity_unit=entry.velocity_unit,
+            time=rows.time,
+            velocity=rows.velocity,
+            measured=rows.torque,
+            predicted=predicted,
+        ),
+        notices=(*notices, *told),
+    )
+
+
+def _build_samples(
+    entry: JointFriction, library: Library, logs: JointLogs, joint: int, beta: FloatArray | None
+) -> tuple[FrictionSamples, tuple[Notice, ...]]:
+    """Return the log as the law's prediction needs it, with the columns of the fit."""
+    (signals,) = logs.signals
+    rigid = build_rigid_columns(library, (signals,), joint)
+    names = _list_columns(entry, library.card)
+    fitted = _build_columns(names, rigid, library, signals, joint)
+    own = [k for k, name in enumerate(names) if name in {*_PHYSICAL, *rigid.names}]
+    torque = signals.tau[:, joint]
+    notices: tuple[Notice, ...] = ()
+    if beta is not None:
+        load = rigid.columns @ beta
+        torque = torque - load
+    else:
+        load = fitted[:, own] @ np.array(entry.estimate.other)[own]
+        notices = _check_rigid(entry, library, rigid, fitted[:, own], [names[k] for k in own])
+    samples = FrictionSamples(
+        joint=entry.joint,
+        time=signals.time,
+        velocity=signals.dq[:, joint],
+        torque=torque,
+        extra=fitted,
+        extra_names=names,
+        load=load,
+        position=signals.q[:, joint],
+        reduce=build_reduction([len(signals.time)], logs.processing.decimation),
+        prismatic=library.card.joints[joint].kind == "prismatic",
+    )
+    return samples, notices
+
+
+def _list_columns(entry: JointFriction, card: ModelCard) -> tuple[str, ...]:
+    """Return the names of what was fitted beside friction, in the order of its values.
+
+    Raises:
+        EstimateError: the names are not those of the values.
+    """
+    estimate = entry.estimate
+    own = {parameter.name for parameter in get_law(estimate.law).physical}
+    given = {parameter.name for parameter in estimate.extra}
+    given |= {name for name, _ in estimate.refused if name not in own}
+    order = (*_PHYSICAL, *(one.name for one in card.beta), *(one.name for one in card.friction))
+    names = tuple(name for name in order if name in given)
+    if len(names) != len(estimate.other) or len(names) != len(given):
+        text = (
+            f"joint {entry.joint!r}: beside friction {', '.join(sorted(given)) or 'nothing'} was fitted, "
+            f"with {len(estimate.other)} values, and the model knows {len(names)} of them; identify again"
+        )
+        raise EstimateError(Notice(code="estimate.parameters", text=text))
+    return names
+
+
+def _build_columns(
+    names: Sequence[str], rigid: RigidColumns, library: Library, signals: Signals, joint: int
+) -> FloatArray:
+    """Return the columns (N, k) of these names."""
+    columns: dict[str, FloatArray] = {
+        "J": signals.ddq[:, joint],
+        "a": np.sin(signals.q[:, joint]),
+        "b": np.cos(signals.q[:, joint]),
+    }
+    columns |= dict(zip(rigid.names, rigid.columns.T, strict=True))
+    others = [entry.name for entry in library.card.friction]
+    if set(names) & set(others):
+        (rows,) = library.evaluate("friction_regressor", signals.dq)
+        columns |= dict(zip(others, rows[:, joint].T, strict=True))
+    return np.column_stack([np.empty((len(signals.time), 0)), *(columns[name] for name in names)])
+
+
+def _check_rigid(
+    entry: JointFriction, library: Library, rigid: RigidColumns, fitted: FloatArray, names: Sequence[str]
+) -> tuple[Notice, ...]:
+    """Refuse motions that need more of the rigid part than was fitted, and say where it holds.
+
+    Raises:
+        IdentifiabilityError: they do.
+    """
+    if len(list_independent(np.hstack([fitted, rigid.columns]))) != len(list_independent(fitted)):
+        reason = (
+            "this motion needs more of its rigid part than the fitted logs showed, as where a joint moved "
+            "alone there and moves with others here; identify the base parameters, and friction with --known"
+        )
+        raise _leave_out(entry.joint, reason)
+    untold = [name for name, _ in entry.estimate.refused if name in names]
+    if untold:
+        text = (
+            f"joint {entry.joint!r}: of its rigid part {', '.join(untold)} got no number; what is foretold "
+            "holds for motions like those that were fitted, and for others means nothing"
+        )
+        return (Notice(code="validate.friction-beside", text=text),)
+    seen = {name for name, column in zip(rigid.names, rigid.columns.T, strict=True) if column.any()}
+    # Base parameters that none was grouped with are the robot's, at every pose.
+    if library.card.size == 1 or not names or seen <= set(names):
+        return ()
+    told = f" ({', '.join(names)})" if set(names) <= set(_PHYSICAL) else f" of {len(names)} columns"
+    text = (
+        f"joint {entry.joint!r}: its rigid part{told} was fitted along and holds for the poses of the fitted "
+        "logs; for others identify the base parameters, and friction with --known"
+    )
+    return (Notice(code="validate.friction-pose", text=text),)
+
+
+def _choose_rows(
+    samples: FrictionSamples, entry: JointFriction, law: FrictionLaw, standstill: float
+) -> tuple[FrictionSamples, tuple[Notice, ...]]:
+    """Return the rows that count: not below standstill, and of laws with refused parameters those fitted.
+
+    Raises:
+        IdentifiabilityError: none.
+    """
+    rows = build_friction_rows(samples)
+    own = {parameter.name for parameter in law.physical}
+    refused = [name for name, _ in entry.estimate.refused if name in own]
+    inside = _mask_inside(rows, entry)
+    moving = np.abs(rows.velocity) >= standstill
+    kept = moving & inside if refused else moving
+    joint = f"joint {entry.joint!r}"
+    if not kept.any():
+        reason = "every row is slower than processing.standstill, or at speeds that were not fitted"
+        raise _leave_out(entry.joint, reason)
+    notices = []
+    outside = int(np.sum(moving & ~inside))
+    if refused:
+        text = (
+            f"{joint}: {', '.join(refused)} got no number, but the law as a whole foretells torques at the "
+            f"speeds that were fitted; {outside} of {len(kept)} rows at others were left out"
+        )
+        notices.append(Notice(code="validate.friction-refused", text=text))
+    else:
+        far = int(np.sum(moving & _mask_far(rows, entry)))
+        if far:
+            text = (
+                f"{joint}: {far} of {len(kept)} rows are faster than all that was fitted, or in a direction "
+                "that was not: the law is extrapolated there"
+            )
+            notices.append(Notice(code="validate.friction-range", text=text))
+    return (samples if kept.all() else select_friction_rows(samples, kept)), tuple(notices)
+
+
+def _measure_reach(entry: JointFriction, direction: float) -> tuple[float, float]:
+    """Return the slowest and the fastest speed that was fitted in a direction; an empty range for none."""
+    known = np.concatenate([entry.velocity_map.velocity, entry.velocity_map.cloud_velocity])
+    speeds = direction * known[direction * known > 0.0]
+    return (float(speeds.min()), float(speeds.max())) if len(speeds) else (np.inf, 0.0)
+
+
+def _mask_inside(rows: FrictionRows, entry: JointFriction) -> NDArray[np.bool_]:
+    """Return which rows (M,) have a velocity within what was fitted."""
+    inside = np.zeros(len(rows.velocity), dtype=np.bool_)
+    for direction in (-1.0, 1.0):
+        low, high = _measure_reach(entry, direction)
+        speed = direction * rows.velocity
+        inside |= (speed >= low) & (speed <= high)
+    return inside
+
+
+def _mask_far(rows: FrictionRows, entry: JointFriction) -> NDArray[np.bool_]:
+    """Return which rows (M,) are faster than what was fitted in their direction."""
+    far = np.zeros(len(rows.velocity), dtype=np.bool_)
+    for direction in (-1.0, 1.0):
+        speed = direction * rows.velocity
+        far |= speed > _BEYOND * _measure_reach(entry, direction)[1]
+    moving: NDArray[np.bool_] = far & (rows.velocity != 0.0)
+    return moving
+
+
+def _leave_out(joint: str, reason: str) -> IdentifiabilityError:
+    text = f"joint {joint!r} cannot be validated: {reason}"
+    return IdentifiabilityError(Notice(code="validate.friction-joint", text=text))
+
+
+def _warn_of_fitted_log(source: str) -> Notice:
+    text = "the friction was fitted to this very log, which is no test of it; validate on another motion"
+    return Notice(code="validate.fitted-log", text=text, file=source)

@@ -1,0 +1,497 @@
+"""Variable projection: the shape of a friction law is searched, all else follows by linear least squares.
+
+FrictionProblem -> FrictionSearch.
+
+    d = argmin |r + F d|^2 + lambda |D d|^2,   D the lengths of the columns of Kaufman's Jacobian F
+    h(s) = r(s)' dPhi/ds c(s) = -1/2 dJ/ds = 0                           root finding, one shape value
+
+Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432; Kaufman, BIT 15 (1975) 49-57; Levenberg, Quart.
+Appl. Math. 2 (1944) 164-168; Marquardt, J. SIAM 11 (1963) 431-441. A grid of shapes, spaced by equal
+factors, gives the starts; damped Gauss-Newton steps in the logarithms follow the best of them; lambda
+follows the curvature that the last step found. A law with a linear zone has an objective with a kink
+wherever the edge of the zone passes a sample: such an edge is set onto the kinks next to it, and beyond
+them. Where friction changes its sign at a velocity that is searched, the objective jumps: the intervals
+between jumps are tried, ever closer around the best.
+
+Root finding scans h at values spaced by equal factors, finds each root by Brent's method and keeps the
+one of least J; it is variable projection with one unknown, and the first row of Table 2 of Zhang, Hu and
+Zou (2021) as far as its description tells.
+
+Supported: up to three shape values, fixed ones too, dependent columns; root finding: one free shape
+value, motions in one direction.
+Not supported: bounds of linear parameters (`bounded_search`); proof that no better optimum exists.
+"""
+
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symid.arrays import FloatArray
+from symid.errors import Notice, UsageError
+from symid.identification.friction.estimate import FrictionSearch, SearchOutcome
+from symid.identification.friction.estimators import is_one_sided
+from symid.identification.friction.problem import (
+    FrictionProblem,
+    Projection,
+    Projector,
+    RootFindingOptions,
+    VariableProjectionOptions,
+)
+from symid.identification.friction.samples import build_friction_rows
+
+IntArray = NDArray[np.int64]
+_DAMPING = 1e-3
+_MOST_WANTED = 10.0
+_MOST_FAILED = 100.0
+"""Damping at most after a step that made J greater, unless it was greater before."""
+_RESOLVED = 1e-15
+"""Part of J by which a step must promise to make it less: rounding hides what is smaller."""
+_ROUNDING = 1e-11
+"""Part of J below which a change of J says nothing of its curvature."""
+_POOR = 0.25
+"""Of the promised gain: a step in several directions that gives more is not too long in most of them."""
+_LONGEST = 1.5
+"""Step in a logarithm at most."""
+
+
+def descend(
+    projector: Projector,
+    state: Projection,
+    free: IntArray,
+    *,
+    tolerance: float,
+    steps: int,
+    history: list[float],
+    patience: int = 60,
+    box: tuple[FloatArray, FloatArray] | None = None,
+) -> tuple[Projection, bool]:
+    """Return the end of damped Gauss-Newton steps in the coordinates `free`, and whether it converged.
+
+    `patience` is how many steps in a row may fail, `box` where z may go, if not all of the search's.
+    """
+    problem = projector.problem
+    low, high = box or (problem.encode(problem.low), problem.encode(problem.high))
+    damping, failed = _DAMPING, 0
+    jacobian, fresh = projector.find_jacobian(state), False
+    for _ in range(steps):
+        if projector.exhausted or failed >= patience:
+            return state, False
+        if fresh:
+            jacobian = projector.find_jacobian(state)
+        fresh = False
+        slope = jacobian.T @ state.residual
+        held = ((state.z <= low) & (slope > 0.0)) | ((state.z >= high) & (slope < 0.0))
+        moving = free[~held[free]]
+        step = np.zeros(len(low))
+        if len(moving):
+            step[moving] = _solve_damped(jacobian[:, moving], state.residual, damping)
+            projector.solves += 1
+        step *= min(1.0, _LONGEST / max(float(np.max(np.abs(step))), 1e-300))
+        trial_z = np.clip(state.z + step, low, high)
+        step = trial_z - state.z
+        bend = jacobian @ step
+        promised = -float((2.0 * state.residual + bend) @ bend)
+        unseen = damping <= _MOST_WANTED and promised <= _RESOLVED * state.objective
+        if unseen or float(np.max(np.abs(step), initial=0.0)) <= tolerance:
+            return state, True
+        trial = projector.project(trial_z)
+        wanted = _choose_damping(jacobian, state, trial)
+        if trial.objective < state.objective:
+            damping = max(0.1 * damping, min(wanted, _MOST_WANTED), 1e-12)
+            state, fresh, failed = trial, True, 0
+            history.append(min(history[-1], state.objective))
+        else:
+            damping = max(damping * (10.0 if damping > 1e-6 else 1e3), min(wanted, _MOST_FAILED))
+            failed += 1
+    return state, False
+
+
+def _choose_damping(jacobian: FloatArray, state: Projection, trial: Projection) -> float:
+    """Return the damping that makes the model of J as curved as J was along the last step.
+
+    J(d) = J + 2 r'F d + (1 + c) |F d|^2 is solved for c. The damping is c |F d|^2 / |D d|^2: with one shape
+    value, the next step is that of the secant. Without it, steps that all go too far close in on the optimum
+    from both sides as slowly as c tells, although each of them makes J less.
+    """
+    step = trial.z - state.z
+    bend = jacobian @ step
+    curved, length = float(bend @ bend), float(np.sum((np.linalg.norm(jacobian, axis=0) * step) ** 2))
+    if curved <= _ROUNDING * state.objective or length == 0.0:
+        return 0.0
+    slope = 2.0 * float(state.residual @ bend)
+    gain = trial.objective - state.objective
+    if np.count_nonzero(step) > 1 and gain < _POOR * (slope + curved):
+        return 0.0
+    return max(gain - slope - curved, 0.0) / length
+
+
+def _solve_damped(jacobian: FloatArray, residual: FloatArray, damping: float) -> FloatArray:
+    """Return argmin |r + J d|^2 + damping |D d|^2, D the lengths of J's columns, by QR."""
+    lengths = np.linalg.norm(jacobian, axis=0)
+    lengths[lengths == 0.0] = 1.0
+    scaled = np.vstack([jacobian / lengths, np.sqrt(damping) * np.eye(len(lengths))])
+    right = np.concatenate([-residual, np.zeros(len(lengths))])
+    step: FloatArray = np.linalg.lstsq(scaled, right, rcond=1e-13)[0] / lengths
+    return step
+
+
+_KINKED = frozenset({"dq0"})
+"""Shape values with a kink in J at every speed sampled: the edge of the linear zone."""
+_JUMPING = frozenset({"dqs"})
+"""Shape values at which J jumps whenever they pass a velocity sampled: where friction changes its sign."""
+_EXCHANGED = (("g2", "g3"),)
+"""Shape values that may be exchanged, as only a sign changes with them: the first is the greater one."""
+_NEXT = 1.5
+_PATIENCE = 3
+"""Steps in a row that may fail near a kink: across it the model of J holds for none."""
+_SETTLED = 1e-10
+"""Part of J that a side of a kink may promise."""
+_INSIDE = 1e-8
+"""Distance to the ends of an interval between jumps, by its width."""
+_ONE_JUMP = 1e-6
+_ACROSS = 3e-8
+"""Step from there over the jump, by the same width."""
+_APPROACH = 10
+"""Steps towards an optimum in a kink, which steps alone do not reach."""
+_VISITS = 2
+_CANDIDATES = 8
+_RESERVE = 12
+"""Solves kept to end what is smooth once the kinks were visited."""
+_DEVIATIONS = 4.0
+_ROUNDS = 5
+_CLOSER = 0.4
+
+
+def search_by_projection(problem: FrictionProblem, options: VariableProjectionOptions) -> FrictionSearch:
+    """Return the shape of the least objective, and its linear parameters.
+
+    Args:
+        problem: with at most three shape values that are not fixed.
+        options: grid, starts, limits.
+    """
+    projector = Projector(problem, options.solves)
+    states = [projector.project(z) for z in build_shape_grid(problem, options)]
+    history = [min(state.objective for state in states)]
+    free = np.flatnonzero(problem.is_free)
+    if not len(free):
+        return _build_search(projector, states[0], tuple(history), SearchOutcome.CONVERGED, 0)
+    spacing = _compute_spacing(problem, options)
+    if any(problem.law.shape[place].name in _JUMPING for place in free):
+        least = min(states, key=lambda state: state.objective)
+        states = [_visit_jumps(projector, least, free, spacing, history)]
+    starts = _choose_starts(states, spacing, options)
+    ends = [descend(projector, start, free, tolerance=1e-2, steps=6, history=history) for start in starts]
+    best = min((end for end, _ in ends), key=lambda state: state.objective)
+    best, done = _finish(projector, best, free, options.tolerance, history)
+    outcome = SearchOutcome.CONVERGED if done else SearchOutcome.STALLED
+    if projector.exhausted and not done:
+        outcome = SearchOutcome.LIMIT
+    return _build_search(projector, best, tuple(history), outcome, len(history) - 1)
+
+
+def _finish(
+    projector: Projector, best: Projection, free: IntArray, tolerance: float, history: list[float]
+) -> tuple[Projection, bool]:
+    """Return the optimum next to `best`, and whether it is one; J may have kinks or jump."""
+    problem = projector.problem
+    names = {problem.law.shape[place].name for place in free}
+    if not names & (_KINKED | _JUMPING):
+        return descend(projector, best, free, tolerance=tolerance, steps=60, history=history)
+    patience = _PATIENCE if names & _KINKED else 2 * _PATIENCE
+    best, _ = descend(
+        projector, best, free, tolerance=tolerance, steps=_APPROACH, history=history, patience=patience
+    )
+    if names & _KINKED:
+        return _visit_kinks(projector, best, free, tolerance, history)
+    return _cross_jumps(projector, best, free, tolerance, history)
+
+
+def build_shape_grid(problem: FrictionProblem, options: VariableProjectionOptions) -> list[FloatArray]:
+    """Return coordinates of the grid's shapes, in order, (s,) each; one alone where nothing is free."""
+    low, high = problem.encode(problem.low), problem.encode(problem.high)
+    free = np.flatnonzero(problem.is_free)
+    if not len(free):
+        return [low]
+    counts = options.grid[len(free) - 1]
+    axes = [[float(value)] for value in low]
+    for place, count in zip(free, counts, strict=True):
+        # Half a step from the bounds: there a column may vanish.
+        steps = (np.arange(count) + 0.5) / count
+        axes[place] = [float(value) for value in low[place] + steps * (high[place] - low[place])]
+    names = [entry.name for entry in problem.law.shape]
+    pairs = [(names.index(a), names.index(b)) for a, b in _EXCHANGED if a in names and b in names]
+    points = itertools.product(*axes)
+    return [np.array(point) for point in points if all(point[a] > point[b] for a, b in pairs)]
+
+
+def _compute_spacing(problem: FrictionProblem, options: VariableProjectionOptions) -> FloatArray:
+    """Return the distance of the grid's points in each coordinate: (s,); 1 where there is but one."""
+    free = np.flatnonzero(problem.is_free)
+    spacing = np.ones(len(problem.low))
+    width = problem.encode(problem.high) - problem.encode(problem.low)
+    spacing[free] = width[free] / np.array(options.grid[len(free) - 1])
+    return spacing
+
+
+def _choose_starts(
+    states: list[Projection], spacing: FloatArray, options: VariableProjectionOptions
+) -> list[Projection]:
+    """Return the grid's least states, none next to another one chosen; `spacing` (s,) is the grid's."""
+    places = [state.z / spacing for state in states]
+    order = sorted(range(len(states)), key=lambda index: states[index].objective)
+    chosen: list[int] = []
+    for index in order:
+        apart = [float(np.max(np.abs(places[index] - places[k]))) for k in chosen]
+        if all(distance > _NEXT for distance in apart):
+            chosen.append(index)
+        if len(chosen) == options.starts:
+            break
+    return [states[index] for index in chosen]
+
+
+def _visit_jumps(
+    projector: Projector, best: Projection, free: IntArray, spacing: FloatArray, history: list[float]
+) -> Projection:
+    """Return the end of a search over the intervals between jumps, ever closer around the best one."""
+    problem = projector.problem
+    place = next(k for k in free if problem.law.shape[k].name in _JUMPING)
+    others = free[free != place]
+    speeds = np.exp(_list_jumps(problem, int(place)))
+    middles = np.log(0.5 * (speeds[1:] + speeds[:-1]))
+    low, high = problem.encode(problem.low), problem.encode(problem.high)
+    reach = float(spacing[place])
+    for _ in range(_ROUNDS):
+        near = np.flatnonzero(np.abs(middles - best.z[place]) <= reach)
+        chosen = (
+            near[np.unique(np.linspace(0, len(near) - 1, _CANDIDATES).astype(int))] if len(near) else near
+        )
+        if not len(chosen) or projector.solves + 2 * _CANDIDATES > projector.limit:
+            break
+        for middle in middles[chosen]:
+            z = np.array(best.z)
+            z[place] = np.clip(middle, low[place], high[place])
+            best = min(best, projector.project(z), key=lambda state: state.objective)
+        best, _ = descend(projector, best, others, tolerance=1e-3, steps=3, history=history)
+        reach *= _CLOSER
+    return best
+
+
+def _list_jumps(problem: FrictionProblem, place: int) -> FloatArray:
+    """Return coordinates (K,) at which J jumps, rising; speeds that differ by rounding make one jump."""
+    speeds = np.unique(problem.samples.velocity[problem.samples.velocity > problem.low[place]])
+    jumps = np.log(speeds)
+    return np.asarray(jumps[np.diff(jumps, prepend=-np.inf) > _ONE_JUMP])
+
+
+def _compute_box(problem: FrictionProblem, state: Projection) -> tuple[FloatArray, FloatArray]:
+    """Return where z may go, (s,) each: between two jumps of J, where there are any."""
+    low, high = problem.encode(problem.low), problem.encode(problem.high)
+    for place in np.flatnonzero(problem.is_free):
+        if problem.law.shape[place].name not in _JUMPING:
+            continue
+        jumps = _list_jumps(problem, int(place))
+        jumps = np.concatenate([jumps[jumps < high[place]], [high[place]]])
+        jumps = np.concatenate([[low[place]], jumps[jumps > low[place] + _ONE_JUMP]])
+        above = min(max(int(np.searchsorted(jumps, state.z[place], side="right")), 1), len(jumps) - 1)
+        inside = _INSIDE * (jumps[above] - jumps[above - 1])
+        low[place], high[place] = jumps[above - 1] + inside, jumps[above] - inside
+    return low, high
+
+
+def _cross_jumps(
+    projector: Projector, best: Projection, free: IntArray, tolerance: float, history: list[float]
+) -> tuple[Projection, bool]:
+    """Return the optimum of an interval between jumps that no neighbour reached by its end undercuts."""
+    problem = projector.problem
+    low, high = problem.encode(problem.low), problem.encode(problem.high)
+    while True:
+        box = _compute_box(problem, best)
+        if not np.array_equal(z := np.clip(best.z, *box), best.z):
+            best = min(best, projector.project(z), key=lambda state: state.objective)
+        best, done = descend(projector, best, free, tolerance=tolerance, steps=60, history=history, box=box)
+        width = _ACROSS * (box[1] - box[0])
+        across = np.where(
+            best.z <= box[0], best.z - width, np.where(best.z >= box[1], best.z + width, best.z)
+        )
+        across = np.clip(across, low, high)
+        if not done or projector.exhausted or np.array_equal(across, best.z):
+            return best, done
+        beyond = projector.project(across)
+        if beyond.objective >= best.objective:
+            return best, done
+        best = beyond
+
+
+def _visit_kinks(
+    projector: Projector, best: Projection, free: IntArray, tolerance: float, history: list[float]
+) -> tuple[Projection, bool]:
+    """Return the least of the optima in the kinks around `best` and between them, and whether it is one."""
+    problem = projector.problem
+    edge = next(k for k in free if problem.law.shape[k].name in _KINKED)
+    others = free[free != edge]
+    projector.reserve = _RESERVE
+    for _ in range(_VISITS):
+        if projector.solves + 2 * _CANDIDATES + projector.reserve > projector.limit:
+            break
+        tried = [projector.project(z) for z in _list_kinks(projector, best, edge, others)]
+        tried.sort(key=lambda state: state.objective)
+        before = best.objective
+        for state in tried[:2]:
+            on_kink, _ = descend(projector, state, others, tolerance=tolerance, steps=4, history=history)
+            beyond, _ = descend(
+                projector, on_kink, free, tolerance=tolerance, steps=6, history=history, patience=_PATIENCE
+            )
+            best = min(best, on_kink, beyond, key=lambda end: end.objective)
+        if before - best.objective <= 1e-9 * before:
+            break
+    projector.reserve = 0
+    turns = (others, free, others)
+    return _settle(projector, best, edge=edge, turns=turns, tolerance=tolerance, history=history)
+
+
+def _settle(
+    projector: Projector,
+    best: Projection,
+    *,
+    edge: int,
+    turns: tuple[IntArray, ...],
+    tolerance: float,
+    history: list[float],
+) -> tuple[Projection, bool]:
+    """Return the end of what is still to be made less, and whether it is an optimum, in a kink or beside one.
+
+    In a kink the edge stays, and the rest converges; J must then rise on both sides of the edge.
+    """
+    done = False
+    for moving in turns:
+        best, done = descend(
+            projector, best, moving, tolerance=tolerance, steps=20, history=history, patience=2 * _PATIENCE
+        )
+        gain = max(projector.find_side_gain(best, edge, side) for side in (1.0, -1.0))
+        done = done and gain <= _SETTLED * best.objective
+        if done:
+            break
+    history.append(min(history[-1], best.objective))
+    return best, done
+
+
+def _list_kinks(projector: Projector, state: Projection, edge: int, others: IntArray) -> list[FloatArray]:
+    """Return coordinates at kinks some deviations about the edge, the other ones moved along the valley."""
+    problem = projector.problem
+    jacobian = projector.find_jacobian(state)
+    normal = jacobian.T @ jacobian
+    slide = np.zeros(len(state.z))
+    slide[edge] = 1.0
+    left = normal[edge, edge]
+    if len(others):
+        slide[others] = -np.linalg.lstsq(normal[np.ix_(others, others)], normal[others, edge], rcond=None)[0]
+        left = left + normal[edge, others] @ slide[others]
+    spread = np.sqrt(state.objective / len(state.residual) / max(float(left), 1e-300))
+    low, high = problem.encode(problem.low), problem.encode(problem.high)
+    speeds = np.unique(np.abs(problem.samples.velocity))
+    kinks = np.log(speeds[speeds > problem.low[edge]])
+    near = np.flatnonzero(np.abs(kinks - state.z[edge]) <= _DEVIATIONS * spread)
+    place = int(np.searchsorted(kinks, state.z[edge]))
+    near = np.union1d(near, [k for k in (place - 1, place) if 0 <= k < len(kinks)]).astype(int)
+    if len(near) > _CANDIDATES:
+        near = near[np.argsort(np.abs(kinks[near] - state.z[edge]), kind="stable")]
+        close, far = near[: _CANDIDATES // 2], near[_CANDIDATES // 2 :]
+        thinned = np.linspace(0, len(far) - 1, _CANDIDATES - len(close)).astype(int)
+        near = np.concatenate([close, far[thinned]])
+    moves = [slide * (kinks[k] - state.z[edge]) for k in near]
+    return [np.clip(state.z + move, low, high) for move in moves]
+
+
+def _build_search(
+    projector: Projector, state: Projection, history: tuple[float, ...], outcome: SearchOutcome, steps: int
+) -> FrictionSearch:
+    tolerance = "the next step in the shape, or what it promises, fell below the tolerance"
+    reasons = {
+        SearchOutcome.CONVERGED: tolerance if len(history) > 1 else "the law is linear in what is free",
+        SearchOutcome.LIMIT: f"{projector.limit} linear problems were solved",
+    }
+    return FrictionSearch(
+        linear=state.linear,
+        shape=state.shape,
+        objective=state.objective,
+        evaluations=projector.evaluations,
+        solves=projector.solves,
+        iterations=steps,
+        history=history,
+        outcome=outcome,
+        ended=reasons.get(outcome, "no step made the objective less"),
+    )
+
+
+def search_by_roots(problem: FrictionProblem, options: RootFindingOptions) -> FrictionSearch:
+    """Return the stationary point of least objective, or the better end of the scan where there is none.
+
+    Args:
+        problem: with one shape value that is not fixed, and one direction of motion.
+        options: points of the scan, tolerance.
+
+    Raises:
+        UsageError: both directions, or another number of shape values.
+    """
+    from scipy.optimize import brentq
+
+    place = _get_free_place(problem)
+    projector = Projector(problem, np.iinfo(np.int64).max)
+    ends = [problem.encode(values) for values in (problem.low, problem.high)]
+    kept: dict[float, tuple[float, Projection]] = {}
+
+    def find_slope(coordinate: float) -> float:
+        if coordinate not in kept:
+            z = np.array(ends[0])
+            z[place] = coordinate
+            state = projector.project(z)
+            slope = float(-(projector.find_jacobian(state)[:, place] @ state.residual))
+            kept[coordinate] = slope, state
+        return kept[coordinate][0]
+
+    scan = [float(value) for value in np.linspace(ends[0][place], ends[1][place], options.points)]
+    slopes = [find_slope(value) for value in scan]
+    history = [min(state.objective for _, state in kept.values())]
+    roots: list[FloatArray] = []
+    for left, right, before, after in zip(scan[:-1], scan[1:], slopes[:-1], slopes[1:], strict=True):
+        if before * after < 0.0:
+            root = float(brentq(find_slope, left, right, xtol=options.tolerance, rtol=1e-14))
+            find_slope(root)
+            roots.append(np.array(root))
+            history.append(min(history[-1], kept[root][1].objective))
+    best = min((state for _, state in kept.values()), key=lambda state: state.objective)
+    found = len(roots) > 0
+    return FrictionSearch(
+        linear=best.linear,
+        shape=best.shape,
+        objective=best.objective,
+        evaluations=projector.evaluations,
+        solves=projector.solves,
+        iterations=len(history) - 1,
+        history=tuple(history),
+        outcome=SearchOutcome.CONVERGED if found else SearchOutcome.STALLED,
+        ended=f"{len(roots)} roots were found, the best is kept"
+        if found
+        else "the slope never changes its sign",
+        settings=(("points", options.points), ("roots", len(roots))),
+    )
+
+
+def _get_free_place(problem: FrictionProblem) -> int:
+    """Return which shape value is free, the only one."""
+    free = np.flatnonzero(problem.is_free)
+    mistakes = []
+    if len(free) != 1:
+        mistakes.append(
+            f"root finding needs a law with one shape value to search; {problem.law.name!r} has {len(free)} "
+            "here: use the estimator 'varpro'"
+        )
+    if not is_one_sided(build_friction_rows(problem.samples).velocity):
+        mistakes.append(
+            "root finding is for motion in one direction, and these samples hold both: "
+            "use the estimator 'varpro'"
+        )
+    if mistakes:
+        raise UsageError(*(Notice(code="usage.root-finding", text=text) for text in mistakes))
+    return int(free[0])

@@ -1,0 +1,273 @@
+"""What an estimate says of a robot: its values beside the robot's model.
+
+Robot, estimate (rigid or elastic, itself or its file) -> `Identified`, and the robot with these values.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path
+from typing import Protocol
+
+from symid.codegen import build_model_card
+from symid.dynamics import BaseParameters, IdentifiedRobot, build_identified_robot, derive_base_parameters
+from symid.errors import EstimateError, Notice
+from symid.identification.elastic import (
+    ElasticEstimate,
+    build_rigid_estimate,
+    build_rigid_variant,
+    check_elastic_model,
+    is_elastic_estimate,
+    read_elastic_estimate,
+)
+from symid.identification.estimators import Estimate, ParameterEstimate
+from symid.identification.friction import FrictionIdentification, is_friction_result, read_friction_result
+from symid.identification.rigid import check_rigid_model, read_estimate, restore_robot
+from symid.robot import Elasticity, Robot
+
+StoredResult = Estimate | ElasticEstimate | FrictionIdentification
+
+
+class Fitted(Protocol):
+    """A result of the API: what was identified, and its file where it has one."""
+
+    @property
+    def product(self) -> object:
+        """Return what was identified."""
+        ...
+
+    @property
+    def file(self) -> Path | None:
+        """Return the file that it was read from."""
+        ...
+
+
+GivenResult = StoredResult | Fitted | str | PathLike[str]
+"""What was identified: itself, as a result of the API, or its file."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Identified:
+    """What an estimate says of a robot: identified values, rotors of elastic joints, springs one a joint.
+
+    `robot` is the robot as it was identified, `base` its base parameters; `missing` names what has no value;
+    `covariance` is that of `values`, empty where the method gives none.
+    """
+
+    robot: Robot
+    base: BaseParameters
+    sources: tuple[str, ...]
+    values: tuple[ParameterEstimate, ...]
+    rotors: Mapping[str, float] = field(default_factory=dict)
+    springs: tuple[Elasticity, ...] = ()
+    missing: tuple[str, ...] = ()
+    notices: tuple[Notice, ...] = ()
+    covariance: tuple[tuple[float, ...], ...] = ()
+
+
+def is_friction(given: GivenResult) -> bool:
+    """Return whether this is friction of a robot, whatever else may be wrong with it."""
+    if isinstance(given, str | PathLike):
+        return is_friction_result(Path(given))
+    return isinstance(getattr(given, "product", given), FrictionIdentification)
+
+
+def read_result(given: GivenResult) -> tuple[StoredResult, Path]:
+    """Return what was identified, rigid, elastic or friction, and where it is from.
+
+    Raises:
+        EstimateError: its file cannot be read.
+        TypeError: it is nothing that was identified.
+    """
+    if isinstance(given, str | PathLike):
+        path = Path(given)
+        if is_friction_result(path):
+            return read_friction_result(path), path
+        return read_elastic_estimate(path) if is_elastic_estimate(path) else read_estimate(path), path
+    found = getattr(given, "product", given)
+    if not isinstance(found, StoredResult):
+        message = f"expected a fit or its file, got {type(given).__name__}"
+        raise TypeError(message)
+    return found, getattr(given, "file", None) or _name_source(found.sources)
+
+
+def _name_source(sources: Sequence[str]) -> Path:
+    """Return what messages call a result that is no file, by the logs it comes from."""
+    return Path(f"fit of {', '.join(Path(source).name for source in sources)}")
+
+
+def read_dynamics(given: GivenResult) -> tuple[Estimate | ElasticEstimate, Path]:
+    """Return the estimate, rigid or elastic, and where it is from.
+
+    Raises:
+        EstimateError: its file cannot be read, or it is friction alone.
+    """
+    found, source = read_result(given)
+    if isinstance(found, FrictionIdentification):
+        text = "this is friction alone, and no estimate of base parameters; identify by other rows"
+        raise EstimateError(Notice(code="estimate.format", text=text, file=str(source)))
+    return found, source
+
+
+def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source: Path) -> Identified:
+    """Return what an estimate, rigid or elastic, says of a robot.
+
+    Args:
+        robot: as its file says; friction and settings of the estimate are restored.
+        estimate: of this robot.
+        source: where the estimate is from, for messages.
+
+    Raises:
+        EstimateError: it is of another model.
+    """
+    described = restore_robot(robot, estimate)
+    if isinstance(estimate, ElasticEstimate):
+        return _build_elastic(described, estimate, source)
+    return _build_rigid(described, estimate, source)
+
+
+def _build_rigid(described: Robot, estimate: Estimate, source: Path) -> Identified:
+    """Return what an estimate of a rigid model says; of an elastic robot that is its rigid variant.
+
+    Raises:
+        EstimateError: the estimate is of another model.
+    """
+    found = build_rigid_estimate(estimate, described)
+    robot = build_rigid_variant(described)
+    base = derive_base_parameters(robot)
+    check_rigid_model(found, build_model_card(robot, base, ()), str(source))
+    notices: tuple[Notice, ...] = ()
+    if any(described.elastic):
+        text = (
+            "the joints were identified as rigid, and the file has them so: rotors turn with their links, "
+            "and the springs of the robot file are left out, because with them these values are not true"
+        )
+        notices = (Notice(code="export.rigid-variant", text=text, file=str(source)),)
+    return Identified(
+        robot=robot,
+        base=base,
+        sources=found.sources,
+        values=found.parameters,
+        missing=_list_missing(base, found.parameters),
+        notices=notices,
+        covariance=found.covariance,
+    )
+
+
+def _build_elastic(robot: Robot, found: ElasticEstimate, source: Path) -> Identified:
+    """Return what an estimate of elastic joints says; what it refuses has no value.
+
+    Raises:
+        EstimateError: the estimate is of another model.
+    """
+    base = derive_base_parameters(robot)
+    check_elastic_model(found, build_model_card(robot, base, ()), source)
+    refused = {entry for entry, _ in found.refused}
+    known = [entry for entry in found.parameters if entry.name not in refused]
+    names = {entry.name for entry in (*base.parameters, *base.friction)}
+    values = tuple(entry for entry in known if entry.name in names)
+    rotors = tuple(entry.name for entry in found.parameters if entry.name not in names)
+    own = [robot.joints[index].elasticity for index in robot.coordinates]
+    springs = (
+        tuple(
+            entry.elasticity if entry.told else stated or Elasticity()
+            for entry, stated in zip(found.springs, own, strict=True)
+        )
+        if found.springs
+        else ()
+    )
+    lacking = [entry.joint for entry in found.springs if not entry.told]
+    if not found.springs:
+        lacking = [entry.joint for entry in found.residual]
+    return Identified(
+        robot=robot,
+        base=base,
+        sources=found.sources,
+        values=values,
+        rotors={entry.name: entry.value for entry in known if entry.name not in names},
+        springs=springs,
+        missing=(
+            *_list_missing(base, values),
+            *(entry for entry in rotors if entry in refused),
+            *(f"the spring of {joint!r}" for joint in lacking),
+        ),
+        notices=_name_refused(found, source),
+        covariance=_cut_covariance(found, values),
+    )
+
+
+def _cut_covariance(
+    found: ElasticEstimate, values: Sequence[ParameterEstimate]
+) -> tuple[tuple[float, ...], ...]:
+    """Return the covariance of some of the parameters."""
+    names = [entry.name for entry in found.parameters]
+    places = [names.index(entry.name) for entry in values]
+    return tuple(tuple(found.covariance[i][j] for j in places) for i in places if found.covariance)
+
+
+def _name_refused(found: ElasticEstimate, source: Path) -> tuple[Notice, ...]:
+    """Return why springs are refused: the robot file's own are written, known or not."""
+    return tuple(
+        Notice(
+            code="export.spring",
+            text=f"the spring that was found for {entry.joint!r} is not written: {entry.reason}",
+            file=str(source),
+        )
+        for entry in found.springs
+        if not entry.told
+    )
+
+
+def _list_missing(base: BaseParameters, values: Sequence[ParameterEstimate]) -> tuple[str, ...]:
+    known = {entry.name for entry in values}
+    return tuple(entry.name for entry in (*base.parameters, *base.friction) if entry.name not in known)
+
+
+def build_robot(found: Identified) -> IdentifiedRobot:
+    """Return the robot with the estimate's values, in bodies that exist."""
+    # Some methods give no deviations; those of some values alone would not tell how to weigh the others.
+    deviations = {entry.name: entry.std for entry in found.values if 0.0 < entry.std < math.inf}
+    return build_identified_robot(
+        found.robot,
+        found.base,
+        {entry.name: entry.value for entry in found.values},
+        deviations=deviations if len(deviations) == len(found.values) else None,
+        rotors=found.rotors,
+        elasticity=found.springs,
+    )
+
+
+def list_warnings(identified: IdentifiedRobot, found: Identified, source: Path) -> tuple[Notice, ...]:
+    """Return what a user of the robot built from the estimate of `source` must know."""
+    return (
+        *found.robot.notices,
+        *found.notices,
+        *_warn_of_distance(identified, found, source),
+        *_name_missing(found, source),
+    )
+
+
+def _warn_of_distance(identified: IdentifiedRobot, found: Identified, source: Path) -> tuple[Notice, ...]:
+    standard = identified.standard
+    reason = standard.reason
+    known = {entry.name: entry.std for entry in found.values if 0.0 < entry.std < math.inf}
+    if not reason:
+        return ()
+    # Of values without a deviation nothing can be said.
+    moved = [
+        abs(change) / known[name]
+        for name, change in zip(standard.names, standard.residual.tolist(), strict=True)
+        if name in known
+    ]
+    far = f", at most {max(moved):.2g} standard deviations away" if moved else ""
+    text = f"no bodies have the identified values exactly, the nearest were written{far}: {reason}"
+    return (Notice(code="export.inconsistent", text=text, file=str(source)),)
+
+
+def _name_missing(found: Identified, source: Path) -> tuple[Notice, ...]:
+    if not found.missing:
+        return ()
+    names = ", ".join(found.missing)
+    text = f"not identified, so the robot file's own values or the nearest bodies stand: {names}"
+    return (Notice(code="export.not-identified", text=text, file=str(source)),)

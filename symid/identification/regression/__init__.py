@@ -1,0 +1,62 @@
+"""Measurements as equations that are linear in the parameters."""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from symid.identification.regression.equations import (
+        ROW_KINDS as ROW_KINDS,
+        SCALAR_KINDS as SCALAR_KINDS,
+        WINDOW as WINDOW,
+        Rows as Rows,
+        Windows as Windows,
+        build_rows as build_rows,
+        choose_windows as choose_windows,
+        count_pieces as count_pieces,
+        drop_groups as drop_groups,
+        evaluate_columns as evaluate_columns,
+        evaluate_torques as evaluate_torques,
+        integrate_windows as integrate_windows,
+        select_rows as select_rows,
+        stack_rows as stack_rows,
+        warn_of_energy as warn_of_energy,
+    )
+    from symid.identification.regression.identifiability import (
+        JOINT_AT_REST as JOINT_AT_REST,
+        WHOLE_MODEL as WHOLE_MODEL,
+        Condensed as Condensed,
+        CondensedSolution as CondensedSolution,
+        Identifiability as Identifiability,
+        RankRule as RankRule,
+        ScaledSpectrum as ScaledSpectrum,
+        analyse_condensed as analyse_condensed,
+        analyse_identifiability as analyse_identifiability,
+        check_identifiable_share as check_identifiable_share,
+        compute_spectrum as compute_spectrum,
+        compute_square_sums as compute_square_sums,
+        condense_rows as condense_rows,
+        condense_weighted as condense_weighted,
+        extend_triangle as extend_triangle,
+        hold_resting_joints as hold_resting_joints,
+        list_resting_joints as list_resting_joints,
+        solve_condensed as solve_condensed,
+        stack_condensed as stack_condensed,
+    )
+    from symid.identification.regression.long_logs import (
+        LONG_KINDS as LONG_KINDS,
+        LongRows as LongRows,
+        RowBuilder as RowBuilder,
+        condense_recordings as condense_recordings,
+        predict_rows as predict_rows,
+    )
+    from symid.identification.regression.preparation import (
+        SAME_PERIOD as SAME_PERIOD,
+        choose_filters as choose_filters,
+        choose_window as choose_window,
+        compute_payload_torque as compute_payload_torque,
+        prepare_rows as prepare_rows,
+        subtract_payload_torque as subtract_payload_torque,
+    )
+else:
+    from symid.lazy import load_names
+
+    __getattr__, __dir__, __all__ = load_names(__name__, __file__)

@@ -1,0 +1,313 @@
+"""Equations of logs that are too long for memory: the matrix is condensed as it is made, and never kept.
+
+Library, recordings, processing -> LongRows;  blocks of signals or rows -> Condensed.
+
+    outline     values, times, velocities, weights of all equations, without the matrix
+    segments    stretches of time of one joint in one run: the triangle of [A y]
+
+What a fit, its standard deviations and its warnings need of the matrix, the triangles of the segments have;
+residuals take another pass. Segments begin wherever a block of `compute_block_deviations` begins, in a fit
+to all runs or to one.
+
+Supported: torque and momentum rows, with 100 equations or more of every joint in every run it moves in;
+block by block, torque rows of signals at full rate and rows of any kind with an equation for every joint.
+Not supported: power and energy rows, whose covariance needs every row.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symid.arrays import FloatArray
+from symid.codegen import Library
+from symid.errors import Notice, UsageError
+from symid.identification.regression.equations import (
+    SCALAR_KINDS,
+    Rows,
+    cut_rows,
+    evaluate_torques,
+    stack_rows,
+)
+from symid.identification.regression.identifiability import (
+    BLOCK,
+    Condensed,
+    condense_weighted,
+    extend_triangle,
+)
+from symid.identification.regression.preparation import prepare_outline, prepare_rows, prepare_states
+from symid.logs import Recording, Signals, decimate_columns
+from symid.robot import Processing
+
+LONG_KINDS = ("torque", "momentum")
+_BLOCKS = 100
+"""Blocks of a joint's equations, as many as `find_block_deviations` has."""
+
+
+class RowBuilder(NamedTuple):
+    """How recordings become equations; `window` in s and `overlap` are of momentum rows."""
+
+    kind: str
+    library: Library
+    processing: Processing
+    window: float
+    overlap: float
+
+    def prepare(self, recording: Recording) -> Rows:
+        """Return the equations of a recording."""
+        return prepare_rows(
+            self.kind, self.library, recording, self.processing, window=self.window, overlap=self.overlap
+        )
+
+    def outline(self, recording: Recording) -> Rows:
+        """Return the equations of a recording without their matrix."""
+        return prepare_outline(
+            self.kind, self.library, recording, self.processing, window=self.window, overlap=self.overlap
+        )
+
+    def cut(self, recording: Recording) -> Iterator[tuple[slice, FloatArray]]:
+        """Yield the matrix (k, n, p) of a recording's equations by stretches of time, and their places."""
+        signals = prepare_states(self.library, recording, self.processing)
+        return cut_rows(
+            self.kind, self.library, signals, self.processing, window=self.window, overlap=self.overlap
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LongRows:
+    """Equations without their matrix.
+
+    Args:
+        outline: all of the equations but the matrix, in place of which stand their places in time (m, 1).
+        triangles: (s, p + 1, p + 1) of [A y] of every segment, not weighed.
+        starts: (s + 1,) first equation of every segment, and how many there are.
+    """
+
+    outline: Rows
+    triangles: FloatArray
+    starts: NDArray[np.intp]
+
+    def condense(self, run: int | None = None) -> Condensed:
+        """Return the condensed equations of all runs, weighed; or those of one run, not weighed."""
+        groups, size = len(self.outline.group_names), self.triangles.shape[1]
+        factors, counts = np.zeros((groups, size, size)), np.zeros(groups, dtype=np.intp)
+        for group in range(groups):
+            chosen = np.flatnonzero(self._choose(run) & (self.outline.group[self.starts[:-1]] == group))
+            factors[group] = self._join(chosen, weighed=run is None)
+            counts[group] = np.diff(self.starts)[chosen].sum()
+        return Condensed(factors=factors, counts=counts, independent=self.outline.independent)
+
+    def sketch(self, run: int | None = None) -> Rows:
+        """Return p + 1 equations for each of 100 blocks of time of every joint, with the block's squares.
+
+        A'A and A'y of every block are those of its equations, so `find_block_deviations` gives the same.
+        """
+        outline, size = self.outline, self.triangles.shape[1]
+        parts, groups = [], []
+        for group in np.unique(outline.group):
+            members = (
+                outline.group == group if run is None else (outline.group == group) & (outline.run == run)
+            )
+            for block in np.array_split(np.flatnonzero(members), _BLOCKS) if members.any() else ():
+                inside = (self.starts[:-1] >= block[0]) & (self.starts[:-1] <= block[-1])
+                parts.append(self._join(np.flatnonzero(inside & self._choose(run)), weighed=run is None))
+                groups.append(group)
+        table, count = np.vstack(parts), len(parts) * size
+        return replace(
+            outline,
+            matrix=table[:, :-1],
+            values=table[:, -1],
+            group=np.repeat(groups, size),
+            time=np.zeros(count),
+            velocity=np.zeros(count),
+            run=np.zeros(count, dtype=np.intp),
+            weight=np.ones(count),
+        )
+
+    def _choose(self, run: int | None) -> NDArray[np.bool_]:
+        runs = self.outline.run[self.starts[:-1]]
+        return np.ones(len(runs), dtype=bool) if run is None else runs == run
+
+    def _join(self, chosen: NDArray[np.intp], *, weighed: bool) -> FloatArray:
+        size = self.triangles.shape[1]
+        roots = np.sqrt(self.outline.weight[self.starts[chosen]]) if weighed else np.ones(len(chosen))
+        stacked = (self.triangles[chosen] * roots[:, None, None]).reshape(-1, size)
+        blocks = (stacked[start : start + BLOCK] for start in range(0, len(stacked), BLOCK))
+        return extend_triangle(np.zeros((0, size)), blocks)
+
+
+def condense_recordings(
+    maker: RowBuilder, recordings: Sequence[Recording], weights: Sequence[float] | None
+) -> LongRows | None:
+    """Return the equations of recordings, condensed; None where a joint has too few of them for blocks.
+
+    Args:
+        maker: of equations.
+        recordings: all of one robot.
+        weights: what the squares of each recording's residuals count for; one if None.
+
+    Raises:
+        LogError, IdentifiabilityError, UsageError: as for `prepare_rows`.
+    """
+    outline = stack_rows([maker.outline(entry) for entry in recordings], weights)
+    starts = _locate_segments(outline)
+    if starts is None:
+        return None
+    size = len(outline.names) + 1
+    triangles = np.zeros((len(starts) - 1, size, size))
+    for run, recording in enumerate(recordings):
+        for places, matrix in _list_blocks(maker, recording, outline, run):
+            _extend(triangles, starts, places, np.column_stack([matrix, outline.values[places]]))
+    return LongRows(outline=outline, triangles=triangles, starts=starts)
+
+
+def _locate_segments(outline: Rows) -> NDArray[np.intp] | None:
+    """Return where segments begin, and the end; None where a joint has too few equations in a run."""
+    starts: set[int] = {len(outline.values)}
+    runs = int(outline.run.max(initial=0)) + 1
+    for group in np.unique(outline.group):
+        whole = outline.group == group
+        own = [whole & (outline.run == run) for run in range(runs)]
+        for members in (np.flatnonzero(mask) for mask in (whole, *own) if mask.any()):
+            if len(members) < _BLOCKS:
+                return None
+            starts |= {int(block[0]) for block in np.array_split(members, _BLOCKS)}
+    return np.array(sorted(starts), dtype=np.intp)
+
+
+def _list_blocks(
+    maker: RowBuilder, recording: Recording, outline: Rows, run: int
+) -> Iterator[tuple[NDArray[np.intp], FloatArray]]:
+    """Yield matrices (k, p) of neighbouring equations of a joint, and their places in the outline."""
+    own = [
+        np.flatnonzero((outline.run == run) & (outline.group == joint))
+        for joint in range(maker.library.card.size)
+    ]
+    times = [outline.matrix[places, 0].astype(np.intp) for places in own]
+    for part, matrix in maker.cut(recording):
+        for joint, (places, time) in enumerate(zip(own, times, strict=True)):
+            low, high = np.searchsorted(time, [part.start, part.stop])
+            if high > low:
+                yield places[low:high], matrix[time[low:high] - part.start, joint]
+
+
+def _extend(
+    triangles: FloatArray, starts: NDArray[np.intp], places: NDArray[np.intp], table: FloatArray
+) -> None:
+    """Add equations [A y] (k, p + 1) at neighbouring places to the triangles of their segments."""
+    owner = np.searchsorted(starts, places, side="right") - 1
+    for segment in range(int(owner[0]), int(owner[-1]) + 1):
+        low, high = np.searchsorted(owner, [segment, segment + 1])
+        blocks = (table[start : min(start + BLOCK, high)] for start in range(low, high, BLOCK))
+        triangles[segment] = extend_triangle(triangles[segment], blocks)
+
+
+def predict_rows(
+    maker: RowBuilder, recordings: Sequence[Recording], outline: Rows, values: FloatArray
+) -> FloatArray:
+    """Return what parameters (p,) foretell of the equations (m,) of `outline`, by another pass.
+
+    Args:
+        maker: of equations.
+        recordings: as for `condense_recordings`.
+        outline: of their equations.
+        values: (p,).
+    """
+    predicted = np.empty(len(outline.values))
+    for run, recording in enumerate(recordings):
+        whole = _predict(maker, recording, values)
+        own = outline.run == run
+        predicted[own] = whole[outline.matrix[own, 0].astype(np.intp), outline.group[own]]
+    return predicted
+
+
+def _predict(maker: RowBuilder, recording: Recording, values: FloatArray) -> FloatArray:
+    """Return what parameters foretell of a recording (M, n): its torque at every sample, decimated."""
+    if maker.kind != "torque":
+        return np.concatenate([matrix @ values for _, matrix in maker.cut(recording)])
+    signals = prepare_states(maker.library, recording, maker.processing)
+    return decimate_columns(evaluate_torques(maker.library, signals, values), maker.processing.decimation)
+
+
+def condense_signals(library: Library, blocks: Iterable[Signals]) -> Condensed:
+    """Return the torque equations of signals, at every sample, condensed.
+
+    Args:
+        library: the functions of the robot.
+        blocks: states and torques, piece by piece; each is forgotten before the next is asked for.
+    """
+    card = library.card
+    columns = len(card.beta) + len(card.friction) + 1
+    factors, count = np.zeros((card.size, columns, columns)), 0
+    stacks = _Stacks(library)
+    for signals in blocks:
+        for part in _cut(len(signals.time)):
+            for joint, stack in enumerate(stacks.fill(signals, part)):
+                factors[joint] = extend_triangle(factors[joint], [stack])
+        count += len(signals.time)
+    return Condensed(factors=factors, counts=np.full(card.size, count, dtype=np.intp))
+
+
+def _cut(samples: int) -> Iterator[slice]:
+    for start in range(0, samples, BLOCK):
+        yield slice(start, min(samples, start + BLOCK))
+
+
+class _Stacks:
+    """[Y Yf tau] of a block of samples, joint by joint, in arrays that are used again and again."""
+
+    def __init__(self, library: Library) -> None:
+        card = library.card
+        self.library, self.inertial = library, len(card.beta)
+        self.rigid = np.empty((BLOCK, card.size, len(card.beta)))
+        self.friction = np.empty((BLOCK, card.size, len(card.friction)))
+        self.joined = np.empty((card.size, BLOCK, self.inertial + len(card.friction) + 1))
+
+    def fill(self, signals: Signals, part: slice) -> FloatArray:
+        """Return the equations (n, m, p + 1) of a part of the signals."""
+        q, dq, ddq = signals.q[part], signals.dq[part], signals.ddq[part]
+        size = len(q)
+        (rigid,) = self.library.evaluate("torque_regressor", q, dq, ddq, out=(self.rigid[:size],))
+        joined = self.joined[:, :size]
+        joined[:, :, : self.inertial] = rigid.transpose(1, 0, 2)
+        if self.library.card.friction:
+            (friction,) = self.library.evaluate("friction_regressor", dq, out=(self.friction[:size],))
+            joined[:, :, self.inertial : -1] = friction.transpose(1, 0, 2)
+        joined[:, :, -1] = signals.tau[part].T
+        return joined
+
+
+def condense_parts(parts: Iterable[Rows]) -> Condensed:
+    """Return rows that come part by part condensed; no part is kept.
+
+    Args:
+        parts: at least one, all of one kind and one robot.
+
+    Raises:
+        UsageError: the rows have one equation for all joints: their covariance asks for every residual.
+    """
+    found: Condensed | None = None
+    for rows in parts:
+        if rows.kind in SCALAR_KINDS:
+            text = f"{rows.kind} rows cannot be condensed: their deviations ask for the residual of every row"
+            raise UsageError(Notice(code="usage.streamed-rows", text=text))
+        fresh = condense_weighted(rows, rows.weight)
+        found = fresh if found is None else join_condensed(found, fresh)
+    if found is None:
+        raise UsageError(Notice(code="usage.streamed-rows", text="there are no rows to condense"))
+    return found
+
+
+def join_condensed(first: Condensed, second: Condensed) -> Condensed:
+    """Return the equations of both; they are worth as many independent rows as both are together."""
+    pairs = zip(first.factors, second.factors, strict=True)
+    counts = first.counts + second.counts
+    worth = first.independent * first.counts.sum() + second.independent * second.counts.sum()
+    return replace(
+        first,
+        factors=np.array([extend_triangle(one, [other]) for one, other in pairs]),
+        counts=counts,
+        independent=float(worth / counts.sum()),
+    )

@@ -1,0 +1,55 @@
+"""Identification of robots with rigid joints."""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from symid.identification.rigid.closed_loop_estimate import (
+        check_closed_loop as check_closed_loop,
+        identify_instrumental as identify_instrumental,
+        identify_output_error as identify_output_error,
+    )
+    from symid.identification.rigid.comparison import (
+        FAR as FAR,
+        ChiSquare as ChiSquare,
+        ReadingTrial as ReadingTrial,
+        StatedValues as StatedValues,
+        TriedReading as TriedReading,
+        ValueComparison as ValueComparison,
+        add_readings as add_readings,
+        build_stated_values as build_stated_values,
+        compare_values as compare_values,
+        compute_grouped_values as compute_grouped_values,
+        list_shared_logs as list_shared_logs,
+        try_readings as try_readings,
+    )
+    from symid.identification.rigid.diagnosis import (
+        Diagnosis as Diagnosis,
+        diagnose_estimate as diagnose_estimate,
+    )
+    from symid.identification.rigid.fit import (
+        OUTPUT_ERROR as OUTPUT_ERROR,
+        SIMULATING as SIMULATING,
+        RigidOptions as RigidOptions,
+        build_estimator_options as build_estimator_options,
+        check_estimator as check_estimator,
+        check_rigid_options as check_rigid_options,
+        get_estimate as get_estimate,
+        identify_parameters as identify_parameters,
+    )
+    from symid.identification.rigid.storage import (
+        read_estimate as read_estimate,
+        write_estimate as write_estimate,
+        write_file as write_file,
+    )
+    from symid.identification.rigid.validation import (
+        check_rigid_model as check_rigid_model,
+        get_fit_overlap as get_fit_overlap,
+        get_usable_window as get_usable_window,
+        resolve_processing as resolve_processing,
+        restore_robot as restore_robot,
+        validate_estimate as validate_estimate,
+    )
+else:
+    from symid.lazy import load_names
+
+    __getattr__, __dir__, __all__ = load_names(__name__, __file__)

@@ -1,1 +1,0 @@
-"""What a joint does besides moving its link: friction."""

@@ -1,0 +1,482 @@
+"""Friction with a state: bristles that bend before they slip. Dahl's model and LuGre, over any carrier.
+
+Velocity, deflection z of the bristles, parameters -> rate of z, torque, an exact step in time; along a
+whole motion torque, deflection and derivatives by the parameters; the equations in SymPy and LaTeX.
+
+    dz/dt = v - sigma0 |v| / g(v) z
+    tau_f = sigma0 z + sigma1 dz/dt + fV v                       positive against positive velocity
+    Dahl:  g = fC, sigma1 = fV = 0
+    LuGre: g = fC + (fS - fC) exp(-|v / vs|^gamma)
+    v held over h:  z(h) = z_e + (z - z_e) exp(-sigma0 |v| h / g),  z_e = g sign(v) / sigma0
+
+The step is the exact solution while the velocity is held, therefore stable for any length: where explicit
+methods need sigma0 |v| h / g < 2, it goes to the steady state. At v = 0 nothing moves. The deflection
+enters its own step linearly, z_k = r_k + e_k (z_{k-1} - r_k), so that r and e are computed for all samples
+at once.
+Derivatives by the parameters are complex steps, Im f(p + i eps) / eps, through the same definition: exact
+to rounding, since nothing is subtracted (Squire and Trapp, SIAM Review 40 (1998) 110-112).
+Equations: Dahl, Aerospace Corporation report TOR-0158(3107-18)-1 (1968); Canudas de Wit, Olsson, Astrom and
+Lischinsky, IEEE Transactions on Automatic Control 40 (1995) 419-425.
+
+Supported: floats, arrays, mpmath, SymPy, CasADi, text of C: any carrier; several runs in one recording; the
+velocity of the step beside that of the sample (way over period, speed at the end).
+Not supported: Dahl's exponent other than one, sigma1 that depends on the velocity, turning back in a step.
+"""
+
+import difflib
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
+
+from symid.arrays import FloatArray, freeze
+from symid.errors import Notice, UsageError
+from symid.joint_models.friction_law import (
+    FrictionCarrier,
+    LawParameter,
+    OperatorFriction,
+    build_numpy_carrier,
+)
+
+V = TypeVar("V")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DynamicLaw:
+    """A friction model with the deflection of bristles as its state.
+
+    Args:
+        name: as it is asked for.
+        parameters: in the order of the values that the functions take.
+        level: (carrier, velocity, values) -> g, N m or N: what the bristles bear at this velocity, positive.
+        damping: (carrier, values) -> sigma1 and fV.
+        formula: in ASCII; source, smoothness, passivity: sentences.
+    """
+
+    name: str
+    parameters: tuple[LawParameter, ...]
+    level: Callable[[FrictionCarrier[V], V, Sequence[V]], V]
+    damping: Callable[[FrictionCarrier[V], Sequence[V]], tuple[V, V]]
+    formula: str
+    source: str
+    smoothness: str
+    passivity: str
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the parameters."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+
+def compute_bristle_rate(
+    algebra: FrictionCarrier[V], law: DynamicLaw, velocity: V, state: V, values: Sequence[V]
+) -> V:
+    """Return dz/dt = v - sigma0 |v| / g(v) z, rad/s or m/s.
+
+    Args:
+        algebra: the carrier.
+        law: the model.
+        velocity: v, rad/s or m/s.
+        state: z, rad or m.
+        values: parameters in the order of the law.
+    """
+    bent = algebra.mul(values[0], state)
+    share = algebra.div(bent, law.level(algebra, velocity, values))
+    return algebra.sub(velocity, algebra.mul(algebra.absolute(velocity), share))
+
+
+def compute_dynamic_torque(
+    algebra: FrictionCarrier[V], law: DynamicLaw, velocity: V, state: V, values: Sequence[V]
+) -> V:
+    """Return tau_f = sigma0 z + sigma1 dz/dt + fV v, N m or N; arguments as in `compute_bristle_rate`."""
+    damping, viscous = law.damping(algebra, values)
+    rate = compute_bristle_rate(algebra, law, velocity, state, values)
+    moving = algebra.add(algebra.mul(damping, rate), algebra.mul(viscous, velocity))
+    return algebra.add(algebra.mul(values[0], state), moving)
+
+
+def compute_step_parts(
+    algebra: FrictionCarrier[V], law: DynamicLaw, velocity: V, period: V, values: Sequence[V]
+) -> tuple[V, V]:
+    """Return exp(-sigma0 |v| h / g) and z_e = g sign(v) / sigma0: z(h) = z_e + (z - z_e) exp(...)."""
+    level = law.level(algebra, velocity, values)
+    way = algebra.mul(values[0], algebra.mul(algebra.absolute(velocity), period))
+    decay = algebra.exp(algebra.sub(algebra.zero, algebra.div(way, level)))
+    return decay, algebra.div(algebra.mul(level, algebra.sign(velocity)), values[0])
+
+
+def compute_bristle_step(
+    algebra: FrictionCarrier[V], law: DynamicLaw, held: tuple[V, V], state: V, values: Sequence[V]
+) -> tuple[V, V]:
+    """Return z after a step, exact for a held velocity, and the torque at its end.
+
+    Args:
+        algebra: the carrier.
+        law: the model.
+        held: v during the step, rad/s or m/s, and how long: h >= 0, s.
+        state: z before the step, rad or m.
+        values: parameters in the order of the law.
+    """
+    velocity, period = held
+    decay, rest = compute_step_parts(algebra, law, velocity, period, values)
+    after = algebra.add(rest, algebra.mul(algebra.sub(state, rest), decay))
+    return after, compute_dynamic_torque(algebra, law, velocity, after, values)
+
+
+def compute_steady_torque(
+    algebra: FrictionCarrier[V], law: DynamicLaw, velocity: V, values: Sequence[V]
+) -> V:
+    """Return g(v) sign(v) + fV v, N m or N: the torque after a long time at `velocity`."""
+    _, viscous = law.damping(algebra, values)
+    dry = algebra.mul(law.level(algebra, velocity, values), algebra.sign(velocity))
+    return algebra.add(dry, algebra.mul(viscous, velocity))
+
+
+def _compute_level_range(law: DynamicLaw, values: Sequence[float]) -> tuple[float, float]:
+    """Return the least and the largest value that g takes."""
+    named = dict(zip(law.names, values, strict=True))
+    levels = [named[name] for name in ("fC", "fS") if name in named]
+    return min(levels), max(levels)
+
+
+def compute_largest_level(law: DynamicLaw, values: Sequence[float]) -> float:
+    """Return the largest g, N m or N; |z| that begins below it divided by sigma0 stays below."""
+    return _compute_level_range(law, values)[1]
+
+
+def is_passive(law: DynamicLaw, values: Sequence[float]) -> bool | None:
+    """Return whether velocity to torque is passive with storage sigma0 z^2 / 2; None where it is not known.
+
+    v tau_f - sigma0 z dz/dt = sigma0 a z^2 + (sigma1 + fV) v^2 - sigma1 a z v with a = sigma0 |v| / g, and
+    |a z v| <= v^2 max g / min g: fV >= sigma1 (max g - min g) / min g suffices. Compare Barabanov and Ortega,
+    IEEE Transactions on Automatic Control 45 (2000) 675-686.
+    """
+    named = dict(zip(law.names, values, strict=True))
+    least, largest = _compute_level_range(law, values)
+    damping, viscous = named.get("sigma1", 0.0), named.get("fV", 0.0)
+    return True if viscous * least >= damping * (largest - least) else None
+
+
+def check_dynamic_values(law: DynamicLaw, values: Sequence[float]) -> None:
+    """Refuse values that are none of the law.
+
+    Raises:
+        UsageError: their number is wrong, or some are not finite or outside what the law allows.
+    """
+    if len(values) != len(law.parameters):
+        text = f"friction {law.name!r} takes {', '.join(law.names)}: {len(values)} values were given"
+        raise UsageError(Notice(code="joint.friction-values", text=text))
+    notices = []
+    for parameter, value in zip(law.parameters, values, strict=True):
+        kept = value >= parameter.lower if parameter.lower_is_allowed else value > parameter.lower
+        if not (math.isfinite(value) and kept and value <= parameter.upper):
+            bound = "at least" if parameter.lower_is_allowed else "above"
+            upper = f" and at most {parameter.upper:g}" if math.isfinite(parameter.upper) else ""
+            text = (
+                f"friction {law.name!r}: {parameter.name} ({parameter.meaning}) must be {bound} "
+                f"{parameter.lower:g}{upper}, got {value:g}"
+            )
+            notices.append(Notice(code="joint.friction-values", text=text))
+    if notices:
+        raise UsageError(*notices)
+
+
+def get_dynamic_law(name: str) -> DynamicLaw:
+    """Return the model `name`.
+
+    Raises:
+        UsageError: there is none of this name; the message lists all and the nearest.
+    """
+    if name in DYNAMIC_LAWS:
+        return DYNAMIC_LAWS[name]
+    near = difflib.get_close_matches(name, DYNAMIC_LAWS, n=1)
+    hint = f", did you mean {near[0]!r}? Known:" if near else "; known are"
+    text = f"there is no dynamic friction {name!r}{hint} {', '.join(DYNAMIC_LAWS)}"
+    raise UsageError(Notice(code="joint.no-dynamic-friction", text=text))
+
+
+def _dahl_level(_algebra: FrictionCarrier[V], _velocity: V, values: Sequence[V]) -> V:
+    return values[1]
+
+
+def _dahl_damping(algebra: FrictionCarrier[V], _values: Sequence[V]) -> tuple[V, V]:
+    return algebra.zero, algebra.zero
+
+
+def _lugre_level(algebra: FrictionCarrier[V], velocity: V, values: Sequence[V]) -> V:
+    _, _, coulomb, static, speed, exponent, _ = values
+    ratio = algebra.div(algebra.absolute(velocity), speed)
+    fall = algebra.exp(algebra.sub(algebra.zero, algebra.power(ratio, exponent)))
+    return algebra.add(coulomb, algebra.mul(algebra.sub(static, coulomb), fall))
+
+
+def _lugre_damping(_algebra: FrictionCarrier[V], values: Sequence[V]) -> tuple[V, V]:
+    return values[1], values[6]
+
+
+def _build_parameter(
+    name: str,
+    latex: str,
+    units: tuple[str, str],
+    meaning: str,
+    *,
+    lower: float = 0.0,
+    upper: float = math.inf,
+    positive: bool = True,
+) -> LawParameter:
+    return LawParameter(
+        name=name,
+        latex=latex,
+        unit=units[0],
+        unit_prismatic=units[1],
+        meaning=meaning,
+        lower=lower,
+        upper=upper,
+        start=None,
+        lower_is_allowed=not positive,
+    )
+
+
+_TORQUE, _DAMPING = ("N m", "N"), ("N m s/rad", "N s/m")
+_STIFFNESS = _build_parameter("sigma0", r"\sigma_0", ("N m/rad", "N/m"), "stiffness of the bristles")
+_COULOMB = _build_parameter("fC", "f_C", _TORQUE, "Coulomb friction")
+
+DYNAMIC_LAWS: dict[str, DynamicLaw] = {
+    law.name: law
+    for law in (
+        DynamicLaw(
+            name="dahl",
+            parameters=(_STIFFNESS, _COULOMB),
+            level=_dahl_level,
+            damping=_dahl_damping,
+            formula="dz/dt = v - sigma0 |v| / fC z, tau_f = sigma0 z",
+            source="Dahl 1968, exponent one",
+            smoothness="continuous in time; the slope of the torque over the position jumps at reversals",
+            passivity="passive for all positive parameters; it follows the path, not the speed",
+        ),
+        DynamicLaw(
+            name="lugre",
+            parameters=(
+                _STIFFNESS,
+                _build_parameter("sigma1", r"\sigma_1", _DAMPING, "damping of the bristles", positive=False),
+                _COULOMB,
+                _build_parameter("fS", "f_S", _TORQUE, "static friction, the level of break-away"),
+                _build_parameter("vs", "v_s", ("rad/s", "m/s"), "Stribeck velocity"),
+                _build_parameter(
+                    "gamma", r"\gamma", ("1", "1"), "Stribeck exponent", lower=0.5, upper=4.0, positive=False
+                ),
+                _build_parameter("fV", "f_V", _DAMPING, "viscous friction", positive=False),
+            ),
+            level=_lugre_level,
+            damping=_lugre_damping,
+            formula=(
+                "dz/dt = v - sigma0 |v| / g(v) z, g = fC + (fS - fC) exp(-|v / vs|^gamma), "
+                "tau_f = sigma0 z + sigma1 dz/dt + fV v"
+            ),
+            source="Canudas de Wit, Olsson, Astrom and Lischinsky 1995",
+            smoothness="torque continuous in time where the velocity is",
+            passivity="passive where fV >= sigma1 |fS - fC| / min(fC, fS); the state is bounded always",
+        ),
+    )
+}
+
+
+_TINY = 1e-40
+
+Numbers = Any
+"""An array of real or complex numbers."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FrictionPath:
+    """A motion.
+
+    Args:
+        held: (N,) velocity held during the step that ends at the sample, rad/s or m/s: way over period.
+        velocity: (N,) velocity at the sample, rad/s or m/s.
+        period: (N,) length of the step, s; 0 where a run begins.
+        start: (N,) whether the bristles are straight before the step: True where a run begins.
+    """
+
+    held: FloatArray
+    velocity: FloatArray
+    period: FloatArray
+    start: FloatArray
+
+    def __post_init__(self) -> None:
+        """Copy the arrays and check them.
+
+        Raises:
+            UsageError: their lengths differ, or numbers are not finite, or a period is negative.
+        """
+        for name in ("held", "velocity", "period", "start"):
+            object.__setattr__(self, name, freeze(getattr(self, name)))
+        arrays = (self.held, self.velocity, self.period, self.start)
+        alike = self.held.ndim == 1 and all(array.shape == self.held.shape for array in arrays)
+        if not (alike and all(np.all(np.isfinite(array)) for array in arrays) and np.all(self.period >= 0)):
+            text = "a path of friction takes as many velocities as periods, all finite, periods not negative"
+            raise UsageError(Notice(code="joint.friction-path", text=text))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DynamicRun:
+    """Torque (N,) in N m or N, and deflection of the bristles (N,) in rad or m, at the samples."""
+
+    torque: FloatArray
+    state: FloatArray
+
+
+def build_held_path(velocity: FloatArray, period: float) -> FrictionPath:
+    """Return the path whose sample k is the end of a step of `period` s at velocity k (N,), rad/s or m/s."""
+    velocity = np.asarray(velocity, dtype=np.float64)
+    start = np.zeros(velocity.shape)
+    start[:1] = 1.0
+    return FrictionPath(held=velocity, velocity=velocity, period=np.full(velocity.shape, period), start=start)
+
+
+def _compute_power(base: Numbers, exponent: Numbers) -> Numbers:
+    """Return base^exponent; zero to a complex power is not defined in every NumPy."""
+    return np.power(base + 1e-300 * (base == 0), exponent)
+
+
+def _compute_states(decay: Numbers, rest: Numbers, start: FloatArray, state: float) -> Numbers:
+    """Return z (N,) of the linear recursion, from `state` at the first sample and zero at later starts."""
+    result = []
+    current: complex = state
+    first = True
+    for factor, goal, begins in zip(decay.tolist(), rest.tolist(), start.tolist(), strict=True):
+        if begins and not first:
+            current = 0.0
+        first = False
+        current = goal + factor * (current - goal)
+        result.append(current)
+    return np.array(result, dtype=decay.dtype)
+
+
+def _compute_run(law: DynamicLaw, values: Sequence[Numbers], path: FrictionPath, state: float) -> Numbers:
+    algebra: OperatorFriction[Numbers] = replace(build_numpy_carrier(), power=_compute_power)
+    decay, rest = compute_step_parts(algebra, law, path.held, path.period, values)
+    shape = np.broadcast(path.held, decay).shape
+    states = _compute_states(np.broadcast_to(decay, shape), np.broadcast_to(rest, shape), path.start, state)
+    return compute_dynamic_torque(algebra, law, path.velocity, states, values), states
+
+
+def simulate_dynamic_friction(
+    law: DynamicLaw, values: Sequence[float], path: FrictionPath, *, state: float = 0.0
+) -> DynamicRun:
+    """Return the friction along a path, from deflection `state` rad or m; later runs begin straight.
+
+    Raises:
+        UsageError: values that are none of the law.
+    """
+    check_dynamic_values(law, values)
+    torque, states = _compute_run(law, [np.float64(value) for value in values], path, state)
+    return DynamicRun(torque=freeze(torque), state=freeze(states))
+
+
+def compute_torque_derivatives(
+    law: DynamicLaw, values: Sequence[float], path: FrictionPath, which: Sequence[int]
+) -> FloatArray:
+    """Return the derivatives (N, p) of the torque by the values numbered `which`; bristles begin straight."""
+    columns = np.empty((len(path.held), len(which)))
+    for column, k in zip(columns.T, which, strict=True):
+        step = _TINY * (abs(values[k]) or 1.0)
+        moved = [np.complex128(value) for value in values]
+        moved[k] += 1j * step
+        torque, _ = _compute_run(law, moved, path, 0.0)
+        column[:] = np.imag(torque) / step
+    return columns
+
+
+Expression = Any
+"""A SymPy expression; SymPy is loaded only where it is used, and has no types."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DynamicEquations:
+    """A law in symbols.
+
+    Args:
+        velocity, state, period: the symbols v, z, h; values: those of the parameters, in the law's order.
+        level: g(v); rate: dz/dt; torque: at v and z; steady: after a long time at v.
+        state_after, torque_after: after h s at v, beginning from z.
+    """
+
+    velocity: Expression
+    state: Expression
+    period: Expression
+    values: tuple[Expression, ...]
+    level: Expression
+    rate: Expression
+    torque: Expression
+    steady: Expression
+    state_after: Expression
+    torque_after: Expression
+
+
+def build_symbol_carrier() -> OperatorFriction[Expression]:
+    """Return the carrier of SymPy expressions."""
+    import sympy
+
+    return OperatorFriction(
+        zero=sympy.Integer(0),
+        one=sympy.Integer(1),
+        exp=sympy.exp,
+        tanh=sympy.tanh,
+        sin=sympy.sin,
+        cos=sympy.cos,
+        sign=sympy.sign,
+        absolute=sympy.Abs,
+        maximum=sympy.Max,
+        minimum=sympy.Min,
+    )
+
+
+def derive_equations(law: DynamicLaw) -> DynamicEquations:
+    """Return the law over real symbols; those of the parameters are positive."""
+    import sympy
+
+    algebra = build_symbol_carrier()
+    velocity, state = sympy.symbols("v z", real=True)
+    period = sympy.Symbol("h", positive=True)
+    values = tuple(sympy.Symbol(name, positive=True) for name in law.names)
+    after, torque_after = compute_bristle_step(algebra, law, (velocity, period), state, values)
+    return DynamicEquations(
+        velocity=velocity,
+        state=state,
+        period=period,
+        values=values,
+        level=law.level(algebra, velocity, values),
+        rate=compute_bristle_rate(algebra, law, velocity, state, values),
+        torque=compute_dynamic_torque(algebra, law, velocity, state, values),
+        steady=compute_steady_torque(algebra, law, velocity, values),
+        state_after=after,
+        torque_after=torque_after,
+    )
+
+
+def write_dynamic_latex(law: DynamicLaw) -> tuple[str, ...]:
+    r"""Return the equations in LaTeX: level, rate of the deflection, torque, step.
+
+    After the first the level is written g, in the torque the rate \dot z: as papers print them.
+    """
+    import sympy
+
+    algebra = build_symbol_carrier()
+    equations = derive_equations(law)
+    v, z, h, values = equations.velocity, equations.state, equations.period, equations.values
+    g, rate, after, torque = sympy.symbols("g z_rate z_after tau", positive=True)
+    short = replace(law, level=lambda _algebra, _velocity, _values: g)
+    damping, viscous = law.damping(algebra, values)
+    step, _ = compute_bristle_step(algebra, short, (v, h), z, values)
+    rows = (
+        (g, equations.level),
+        (rate, compute_bristle_rate(algebra, short, v, z, values)),
+        (torque, values[0] * z + damping * rate + viscous * v),
+        (after, step),
+    )
+    names = {symbol: parameter.latex for symbol, parameter in zip(values, law.parameters, strict=True)}
+    names |= {g: "g", rate: r"\dot z", torque: r"\tau_f", after: "z_+"}
+    return tuple(f"{names[left]} = {sympy.latex(right, symbol_names=names)}" for left, right in rows)

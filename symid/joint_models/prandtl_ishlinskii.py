@@ -1,0 +1,555 @@
+"""Springs with hysteresis along whole recordings: plays, torque, inverse, work, energy, loops.
+
+Torsion or torque (N,), `Elasticity` or weights and thresholds -> plays, torque, torsion, energies (N,). The
+equations are those of `hysteresis`. `memory` is the play of each stop before the first sample; None is the
+virgin spring, all zero. The first sample is the end of a monotone path from wherever the memory was made.
+
+    sum of plays   y = w_0 x + sum_i w_i P_i[x],   rises for W_i = w_0 + ... + w_i > 0
+
+As torque of a torsion such a sum is passive for w_i <= 0, i >= 1: then k_i = -w_i are stops. As torsion of
+a torque (compliance) it is passive for w_i >= 0. The inverse, phi = sum_i w'_i P'_i[v], turns one into the
+other.
+
+    work per step, phi monotone: int E_r dphi = change of E_r^2 / 2 + r |change of P_r|
+    with knees: int S(v) dphi = sum_i w'_i int S(v) dP'_i[v]; a play moves only while v = P'_i + r'_i or
+    v = P'_i - r'_i: each part is a difference of G, the integral of S
+    stored   U = sum_i w'_i [G(P'_i + r'_i) + G(P'_i - r'_i)] / 2
+    lost     D = sum_i w'_i int [S(P'_i + r'_i) - S(P'_i - r'_i)] |dP'_i| / 2
+
+The work since the first sample is the change of U, plus D. Without knees U = k0 phi^2 / 2 + sum k_i E_i^2 /
+2 and D = sum k_i r_i int |dP_i| (Brokate and Sprekels, Hysteresis and Phase Transitions, 1996). Other
+splits of the same work exist; the sum is unique. Loops of a virgin spring in closed form, the same by
+another way:
+
+    first curve   v(A) = k0 A + sum_i k_i min(r_i, A), odd
+    branch        v = v(A) - 2 v((A - phi) / 2)                            (Masing)
+    cycle +-A     D = 4 sum_i k_i r_i max(A - r_i, 0)                      without knees
+
+Supported: samples between which the input is monotone: exact, however far apart they are; weights of both
+signs; any memory that a history can leave.
+Not supported: unknown stiffnesses and sums that do not rise, which are refused; the inverse of a cubic
+spring; work and energy of a spring with a cubic part and knees; the closed-form loss of a cycle with knees.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from symid.arrays import FloatArray, freeze
+from symid.errors import Notice, RobotError
+from symid.joint_models.hysteresis import (
+    OperatorCarrier,
+    Plays,
+    SpringTerms,
+    invert_outer_terms,
+    invert_plays,
+    invert_plays_memory,
+)
+from symid.robot import Elasticity, Stop
+
+FLOATS: OperatorCarrier[float] = OperatorCarrier(zero=0.0, one=1.0, maximum=max, minimum=min)
+"""Doubles as a carrier of the hysteresis model."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SpringNumbers:
+    """What the numerical forms of a spring use.
+
+    Args:
+        stiffness: k0, N m/rad or N/m.
+        cubic: k3, N m/rad^3 or N/m^3.
+        thresholds: (m,) r_i, rad or m.
+        weights: (m,) k_i, N m/rad or N/m.
+        terms: the same for the float carrier, with the knees.
+    """
+
+    stiffness: float
+    cubic: float
+    thresholds: FloatArray
+    weights: FloatArray
+    terms: SpringTerms[float]
+
+
+def read_spring_terms(elasticity: Elasticity) -> SpringTerms[float]:
+    """Return the numbers of an elasticity for the float carrier.
+
+    Raises:
+        RobotError: a stiffness is not known.
+    """
+    if elasticity.initial_stiffness is None or elasticity.stiffness is None:
+        text = "a stiffness is unknown, and torque needs all of them; give it, or identify it first"
+        raise RobotError(Notice(code="robot.unknown-stiffness", text=text))
+    knees = elasticity.knees
+    return SpringTerms(
+        stiffness=elasticity.stiffness,
+        cubic=elasticity.cubic or None,
+        stops=tuple((stop.threshold, stop.stiffness or 0.0) for stop in elasticity.stops),
+        above=tuple((knee.threshold, knee.slope) for knee in knees if knee.threshold > 0),
+        below=tuple((knee.threshold, knee.slope) for knee in reversed(knees) if knee.threshold < 0),
+    )
+
+
+def build_spring_numbers(elasticity: Elasticity) -> SpringNumbers:
+    """Return the numbers of an elasticity as arrays.
+
+    Raises:
+        RobotError: a stiffness is not known.
+    """
+    terms = read_spring_terms(elasticity)
+    return SpringNumbers(
+        stiffness=terms.stiffness,
+        cubic=elasticity.cubic,
+        thresholds=freeze([threshold for threshold, _ in terms.stops]),
+        weights=freeze([weight for _, weight in terms.stops]),
+        terms=terms,
+    )
+
+
+def compute_outer_torque(terms: SpringTerms[float], value: FloatArray) -> FloatArray:
+    """Return S(v), N m or N, at values v of any shape."""
+    return _apply_dead_zones(terms.above, terms.below, value)
+
+
+def invert_outer(terms: SpringTerms[float], torque: FloatArray) -> FloatArray:
+    """Return v with S(v) = torque, N m or N, for torques of any shape."""
+    above = invert_outer_terms(FLOATS, terms.above)
+    return _apply_dead_zones(above, invert_outer_terms(FLOATS, terms.below), torque)
+
+
+def compute_outer_integral(terms: SpringTerms[float], value: FloatArray) -> FloatArray:
+    """Return G(v), the integral of S from 0 to v, at values v of any shape."""
+    result = 0.5 * value * value
+    for threshold, slope in terms.above:
+        result = result + 0.5 * slope * np.square(np.maximum(value - threshold, 0.0))
+    for threshold, slope in terms.below:
+        result = result + 0.5 * slope * np.square(np.minimum(value - threshold, 0.0))
+    return np.asarray(result, dtype=np.float64)
+
+
+def _apply_dead_zones(
+    above: tuple[tuple[float, float], ...], below: tuple[tuple[float, float], ...], value: FloatArray
+) -> FloatArray:
+    result = np.array(value, dtype=np.float64)
+    for threshold, slope in above:
+        result += slope * np.maximum(value - threshold, 0.0)
+    for threshold, slope in below:
+        result += slope * np.minimum(value - threshold, 0.0)
+    return result
+
+
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlayModel:
+    """A sum of plays.
+
+    Args:
+        weights: w_0 .. w_m.
+        thresholds: r_1 .. r_m, positive and increasing, in the unit of the input.
+    """
+
+    weights: tuple[float, ...]
+    thresholds: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check what the inverse relies on.
+
+        Raises:
+            RobotError: thresholds out of order, a count that does not fit, a sum that does not rise.
+        """
+        mistakes = []
+        if len(self.weights) != len(self.thresholds) + 1:
+            mistakes.append(f"{len(self.thresholds)} thresholds need {len(self.thresholds) + 1} weights")
+        if any(not low < high for low, high in zip((0.0, *self.thresholds), self.thresholds, strict=False)):
+            mistakes.append("the thresholds of plays must be positive and increase, each once")
+        if not all(slope > 0 for slope in np.cumsum(self.weights)):
+            mistakes.append("w_0 + ... + w_i must be positive for every i: else the model does not rise")
+        if mistakes:
+            raise RobotError(*(Notice(code="robot.invalid-elasticity", text=text) for text in mistakes))
+
+
+def build_play_model(elasticity: Elasticity) -> PlayModel:
+    """Return the plays of an elasticity, knees and cubic part left out: w_0 = k0 + sum k_i, w_i = -k_i.
+
+    Raises:
+        RobotError: a stiffness is not known, or the sum does not rise.
+    """
+    terms = read_spring_terms(elasticity)
+    first = terms.stiffness + sum(weight for _, weight in terms.stops)
+    return PlayModel(
+        weights=(first, *(-weight for _, weight in terms.stops)),
+        thresholds=tuple(threshold for threshold, _ in terms.stops),
+    )
+
+
+def build_stops(model: PlayModel) -> Elasticity:
+    """Return the same model as an elasticity: k_i = -w_i, k0 = w_0 + ... + w_m."""
+    pairs = zip(model.thresholds, model.weights[1:], strict=True)
+    stops = tuple(Stop(threshold=threshold, stiffness=-weight) for threshold, weight in pairs)
+    return Elasticity(stiffness=sum(model.weights), stops=stops)
+
+
+def invert_play_model(
+    model: PlayModel, memory: Sequence[float] | FloatArray | None = None
+) -> tuple[PlayModel, FloatArray]:
+    """Return the inverse of a model, and the memory (m,) that the inverse has where the model has `memory`.
+
+    w'_0 = 1 / w_0, w'_i = -w_i / (W_i W_{i-1}), r'_i = sum_{j <= i} w_j (r_i - r_j),
+    P'_i = W_i P_i + sum_{j > i} w_j P_j.
+
+    Raises:
+        RobotError: no history leaves such a memory.
+    """
+    plays = invert_plays(FLOATS, Plays(weights=model.weights, thresholds=model.thresholds))
+    start = np.zeros(len(model.thresholds)) if memory is None else np.asarray(memory, dtype=np.float64)
+    return PlayModel(weights=plays.weights, thresholds=plays.thresholds), invert_memory(model, start)
+
+
+def invert_memory(model: PlayModel, memory: Sequence[float] | FloatArray) -> FloatArray:
+    """Return the memory (m,) of the inverse where the model has `memory` (m,).
+
+    Raises:
+        RobotError: no history leaves such a memory.
+    """
+    values = [float(entry) for entry in memory]
+    mistakes = list_memory_mistakes(model.thresholds, values)
+    if mistakes:
+        raise RobotError(*(Notice(code="robot.impossible-memory", text=text) for text in mistakes))
+    plays = Plays(weights=model.weights, thresholds=model.thresholds)
+    return np.array(invert_plays_memory(FLOATS, plays, values))
+
+
+def list_memory_mistakes(
+    thresholds: Sequence[float] | FloatArray, memory: Sequence[float] | FloatArray
+) -> tuple[str, ...]:
+    """Return why no history leaves plays as in `memory`, in words; nothing where one does.
+
+    |P_i - P_{i+1}| <= r_{i+1} - r_i, up to rounding.
+    """
+    radii, plays = np.asarray(thresholds, dtype=np.float64), np.asarray(memory, dtype=np.float64)
+    if radii.shape != plays.shape:
+        return (f"the memory has {plays.size} plays; there are {radii.size} thresholds",)
+    apart, allowed = np.abs(np.diff(plays)), np.diff(radii)
+    slack = _ROUNDING * float(np.max(np.abs(plays), initial=0.0) + np.max(radii, initial=0.0))
+    return tuple(
+        f"plays {index + 1} and {index + 2} are {apart[index]:g} apart; allowed is {allowed[index]:g}"
+        for index in range(apart.size)
+        if not apart[index] <= allowed[index] + slack
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class InversePlays:
+    """The torsion as a sum of plays of the torque before the knees: phi = sum_i w'_i P'_i[v].
+
+    Args:
+        plays: (N, m + 1) P'_i, N m or N; the first is v itself.
+        thresholds: (m + 1,) r'_i, the first zero.
+        weights: (m + 1,) w'_i, rad/(N m) or m/N.
+    """
+
+    plays: FloatArray
+    thresholds: FloatArray
+    weights: FloatArray
+
+
+def compute_plays(values: FloatArray, thresholds: FloatArray, memory: FloatArray | None = None) -> FloatArray:
+    """Return the plays (N, m) of an input (N,), exactly as sample after sample would give them.
+
+    A step P -> max(a, min(b, P)) is a clamp, and clamps in a row are a clamp: blocks of samples become one
+    each, the blocks are run through in order, then all blocks are filled at once.
+
+    Args:
+        values: (N,) input.
+        thresholds: (m,) of the plays, not negative, in the unit of the input.
+        memory: (m,) plays before the first sample; None for zeros.
+    """
+    values = np.asarray(values, dtype=np.float64)
+    radii = np.asarray(thresholds, dtype=np.float64)
+    count = values.shape[0]
+    state = np.zeros(radii.size) if memory is None else np.asarray(memory, dtype=np.float64)
+    if count == 0 or radii.size == 0:
+        return np.empty((count, radii.size))
+    length = max(1, math.isqrt(count))
+    blocks = -(-count // length)
+    padded = np.concatenate([values, np.full(blocks * length - count, values[-1])])
+    # Samples of one place in their blocks stand together: each turn of the loops works on one slab.
+    slabs = padded.reshape(blocks, length).T[:, :, None]
+    lower, upper = slabs - radii, slabs + radii
+    low, high = lower[0].copy(), upper[0].copy()
+    for least, most in zip(lower[1:], upper[1:], strict=True):
+        np.maximum(least, np.minimum(most, low, out=low), out=low)
+        np.maximum(least, np.minimum(most, high, out=high), out=high)
+    entry = np.empty((blocks, radii.size))
+    for block in range(blocks):
+        entry[block] = state
+        state = np.maximum(low[block], np.minimum(high[block], state))
+    plays = np.empty((length, blocks, radii.size))
+    for least, most, out in zip(lower, upper, plays, strict=True):
+        np.maximum(least, np.minimum(most, entry, out=entry), out=entry)
+        out[...] = entry
+    return np.ascontiguousarray(plays.transpose(1, 0, 2)).reshape(-1, radii.size)[:count]
+
+
+def compute_stop_basis(
+    phi: FloatArray, thresholds: FloatArray, memory: FloatArray | None = None
+) -> FloatArray:
+    """Return [phi, E_1 .. E_m] (N, m + 1); times k0, k_1 .. k_m they are the torque without knees."""
+    phi = np.asarray(phi, dtype=np.float64)
+    return np.column_stack([phi, phi[:, None] - compute_plays(phi, thresholds, memory)])
+
+
+def compute_play_output(model: PlayModel, values: FloatArray, memory: FloatArray | None = None) -> FloatArray:
+    """Return w_0 x + sum_i w_i P_i[x] (N,) for an input (N,) and the plays (m,) before it."""
+    values = np.asarray(values, dtype=np.float64)
+    plays = compute_plays(values, np.array(model.thresholds), memory)
+    weights = np.array(model.weights)
+    return np.asarray(weights[0] * values + plays @ weights[1:], dtype=np.float64)
+
+
+def compute_hysteresis_torque(
+    elasticity: Elasticity,
+    phi: FloatArray,
+    dphi: FloatArray | None = None,
+    memory: FloatArray | None = None,
+) -> FloatArray:
+    """Return the torque (N,) of an elastic joint along its torsion.
+
+    Args:
+        elasticity: the joint.
+        phi: (N,) torsion theta - q, rad or m.
+        dphi: (N,) its rate; None leaves the damping out.
+        memory: (m,) plays before the first sample, rad or m; None for zeros.
+
+    Raises:
+        RobotError: a stiffness is not known.
+    """
+    spring = build_spring_numbers(elasticity)
+    torque = compute_outer_torque(spring.terms, _compute_inner_torque(spring, phi, memory))
+    return torque if dphi is None else torque + elasticity.damping * np.asarray(dphi, dtype=np.float64)
+
+
+def invert_hysteresis(
+    elasticity: Elasticity, torque: FloatArray, memory: FloatArray | None = None
+) -> FloatArray:
+    """Return the torsion (N,) at which an elastic joint has the given torque, damping left out.
+
+    Args:
+        elasticity: the joint.
+        torque: (N,) N m or N.
+        memory: (m,) plays of the torsion before the first sample, as for `compute_hysteresis_torque`.
+
+    Raises:
+        RobotError: the spring is cubic, or does not rise; a stiffness is not known; no history of the torsion
+            leaves such a memory.
+    """
+    _refuse_cubic(elasticity)
+    spring = build_spring_numbers(elasticity)
+    model = build_play_model(elasticity)
+    inverse, image = invert_play_model(model, memory)
+    return compute_play_output(
+        inverse, invert_outer(spring.terms, np.asarray(torque, dtype=np.float64)), image
+    )
+
+
+def compute_work_columns(
+    phi: FloatArray, thresholds: FloatArray, memory: FloatArray | None = None
+) -> FloatArray:
+    """Return the work (N, m + 1) since the first sample per unit of k0, k_1 .. k_m.
+
+    phi^2 / 2, and E_i^2 / 2 + r_i times the way of P_i, less their values at the first sample.
+    """
+    phi = np.asarray(phi, dtype=np.float64)
+    radii = np.asarray(thresholds, dtype=np.float64)
+    plays = compute_plays(phi, radii, memory)
+    stored = 0.5 * np.square(np.column_stack([phi, phi[:, None] - plays]))
+    lost = radii * np.cumsum(np.abs(np.diff(plays, axis=0, prepend=plays[:1])), axis=0)
+    columns = stored - stored[:1]
+    columns[:, 1:] += lost
+    return columns
+
+
+def compute_spring_work(
+    elasticity: Elasticity, phi: FloatArray, memory: FloatArray | None = None
+) -> FloatArray:
+    """Return the work (N,) in J done on the spring since the first sample, damping left out.
+
+    Raises:
+        RobotError: the spring has a cubic part and knees; a stiffness is not known.
+    """
+    phi = np.asarray(phi, dtype=np.float64)
+    spring = build_spring_numbers(elasticity)
+    if not elasticity.knees:
+        columns = compute_work_columns(phi, spring.thresholds, memory)
+        quartic = 0.25 * spring.cubic * (phi**4 - phi[:1] ** 4)
+        weights = np.concatenate([[spring.stiffness], spring.weights])
+        return np.asarray(columns @ weights + quartic, dtype=np.float64)
+    inverse = compute_inverse_plays(elasticity, phi, memory)
+    ways = np.diff(inverse.plays, axis=0, prepend=inverse.plays[:1])
+    # While it moves up a play trails its input by the threshold, and leads it while it moves down.
+    edges = np.sign(ways) * inverse.thresholds
+    ends = compute_outer_integral(spring.terms, inverse.plays + edges)
+    starts = compute_outer_integral(spring.terms, inverse.plays - ways + edges)
+    return np.cumsum((ends - starts) @ inverse.weights)
+
+
+def compute_inverse_plays(
+    elasticity: Elasticity, phi: FloatArray, memory: FloatArray | None = None
+) -> InversePlays:
+    """Return the plays of the inverse along the torsion (N,), from those of the torsion itself.
+
+    P'_i = W_i P_i - sum_{j > i} k_j P_j with W_i = k0 + sum_{j > i} k_j; P'_0 = v.
+
+    Raises:
+        RobotError: the spring is cubic, or does not rise; a stiffness is not known.
+    """
+    _refuse_cubic(elasticity)
+    inverse, _ = invert_play_model(build_play_model(elasticity))
+    spring = build_spring_numbers(elasticity)
+    phi = np.asarray(phi, dtype=np.float64)
+    plays = np.column_stack([phi, compute_plays(phi, spring.thresholds, memory)])
+    weights = np.concatenate([[0.0], spring.weights])
+    slopes = spring.stiffness + np.sum(weights) - np.cumsum(weights)
+    shares = np.diag(slopes) - np.tril(np.broadcast_to(weights[:, None], (weights.size,) * 2), -1)
+    return InversePlays(
+        plays=plays @ shares,
+        thresholds=freeze((0.0, *inverse.thresholds)),
+        weights=freeze(inverse.weights),
+    )
+
+
+def _refuse_cubic(elasticity: Elasticity) -> None:
+    """Refuse a cubic part where the closed form is that of plays.
+
+    Raises:
+        RobotError: the spring has a cubic part.
+    """
+    if elasticity.cubic:
+        text = (
+            "a cubic spring has no inverse in closed form, nor together with knees one of its work; "
+            "describe its hardening by knees alone"
+        )
+        raise RobotError(Notice(code="robot.cubic-spring", text=text))
+
+
+def _compute_inner_torque(spring: SpringNumbers, phi: FloatArray, memory: FloatArray | None) -> FloatArray:
+    """Return v = k0 phi + k3 phi^3 + sum_i k_i E_i (N,)."""
+    phi = np.asarray(phi, dtype=np.float64)
+    stops = phi[:, None] - compute_plays(phi, spring.thresholds, memory)
+    inner = spring.stiffness * phi + stops @ spring.weights
+    return inner + spring.cubic * phi**3 if spring.cubic else inner
+
+
+def compute_stored_energy(
+    elasticity: Elasticity, phi: FloatArray, memory: FloatArray | None = None
+) -> FloatArray:
+    """Return the energy (N,) in J that the spring holds along its torsion (N,).
+
+    Raises:
+        RobotError: the spring has a cubic part and knees; a stiffness is not known.
+    """
+    phi = np.asarray(phi, dtype=np.float64)
+    spring = build_spring_numbers(elasticity)
+    if not elasticity.knees:
+        stops = phi[:, None] - compute_plays(phi, spring.thresholds, memory)
+        linear = 0.5 * spring.stiffness * np.square(phi) + 0.25 * spring.cubic * phi**4
+        return linear + 0.5 * np.square(stops) @ spring.weights
+    inverse = compute_inverse_plays(elasticity, phi, memory)
+    upper = compute_outer_integral(spring.terms, inverse.plays + inverse.thresholds)
+    lower = compute_outer_integral(spring.terms, inverse.plays - inverse.thresholds)
+    # A virgin spring at rest holds nothing.
+    rest = compute_outer_integral(spring.terms, inverse.thresholds)
+    rest = rest + compute_outer_integral(spring.terms, -inverse.thresholds)
+    return 0.5 * (upper + lower - rest) @ inverse.weights
+
+
+def compute_dissipation(
+    elasticity: Elasticity, phi: FloatArray, memory: FloatArray | None = None
+) -> FloatArray:
+    """Return the energy (N,) in J lost since the first sample, damping left out; it never decreases.
+
+    Raises:
+        RobotError: the spring has a cubic part and knees; a stiffness is not known.
+    """
+    phi = np.asarray(phi, dtype=np.float64)
+    spring = build_spring_numbers(elasticity)
+    if not elasticity.knees:
+        plays = compute_plays(phi, spring.thresholds, memory)
+        ways = np.abs(np.diff(plays, axis=0, prepend=plays[:1]))
+        return np.cumsum(ways @ (spring.weights * spring.thresholds))
+    inverse = compute_inverse_plays(elasticity, phi, memory)
+    plays, radii = inverse.plays, inverse.thresholds
+    gaps = compute_outer_integral(spring.terms, plays + radii) - compute_outer_integral(
+        spring.terms, plays - radii
+    )
+    signs = np.sign(np.diff(plays, axis=0, prepend=plays[:1]))
+    steps = np.maximum(0.5 * signs * np.diff(gaps, axis=0, prepend=gaps[:1]), 0.0)
+    return np.cumsum(steps @ inverse.weights)
+
+
+def compute_compliance_energy(
+    model: PlayModel, torque: FloatArray, memory: FloatArray | None = None
+) -> FloatArray:
+    """Return the energy (N,) stored where phi = sum_i w_i P_i[tau]: sum_i w_i P_i^2 / 2."""
+    plays = _stack_plays(model, torque, memory)
+    return np.asarray(0.5 * np.square(plays) @ np.array(model.weights), dtype=np.float64)
+
+
+def compute_compliance_dissipation(
+    model: PlayModel, torque: FloatArray, memory: FloatArray | None = None
+) -> FloatArray:
+    """Return the energy (N,) lost since the first sample: sum_i w_i r_i int |dP_i|."""
+    plays = _stack_plays(model, torque, memory)
+    ways = np.abs(np.diff(plays, axis=0, prepend=plays[:1]))
+    losses = np.array(model.weights[1:]) * np.array(model.thresholds)
+    return np.asarray(np.cumsum(ways[:, 1:] @ losses), dtype=np.float64)
+
+
+def _stack_plays(model: PlayModel, torque: FloatArray, memory: FloatArray | None) -> FloatArray:
+    torque = np.asarray(torque, dtype=np.float64)
+    return np.column_stack([torque, compute_plays(torque, np.array(model.thresholds), memory)])
+
+
+def compute_first_curve(elasticity: Elasticity, phi: FloatArray) -> FloatArray:
+    """Return the torque of a virgin spring that is turned to `phi` without reversal.
+
+    Raises:
+        RobotError: a stiffness is not known.
+    """
+    spring = build_spring_numbers(elasticity)
+    phi = np.asarray(phi, dtype=np.float64)
+    return compute_outer_torque(spring.terms, _compute_first_torque(spring, phi) + spring.cubic * phi**3)
+
+
+def compute_branch(elasticity: Elasticity, reversal: float, phi: FloatArray) -> FloatArray:
+    """Return the torque on the way back from the first reversal, between it and minus it.
+
+    Args:
+        elasticity: the joint.
+        reversal: torsion A at which the way of a virgin spring was reversed, rad or m; either sign.
+        phi: torsions between A and -A, of any shape.
+
+    Raises:
+        RobotError: a stiffness is not known.
+    """
+    spring = build_spring_numbers(elasticity)
+    phi = np.asarray(phi, dtype=np.float64)
+    start = _compute_first_torque(spring, np.asarray(reversal, dtype=np.float64))
+    inner = start - 2.0 * _compute_first_torque(spring, 0.5 * (reversal - phi))
+    return compute_outer_torque(spring.terms, inner + spring.cubic * phi**3)
+
+
+def compute_cycle_loss(elasticity: Elasticity, amplitude: float) -> float:
+    """Return the energy in J lost in a cycle between `amplitude` and minus it, knees left out."""
+    spring = build_spring_numbers(elasticity)
+    slips = np.maximum(abs(amplitude) - spring.thresholds, 0.0)
+    return float(4.0 * np.sum(spring.weights * spring.thresholds * slips))
+
+
+def _compute_first_torque(spring: SpringNumbers, phi: FloatArray) -> FloatArray:
+    """Return v(phi) without the cubic part."""
+    clipped = np.clip(phi[..., None], -spring.thresholds, spring.thresholds)
+    return np.asarray(spring.stiffness * phi + clipped @ spring.weights, dtype=np.float64)

@@ -1,0 +1,10 @@
+"""Derivations told step by step."""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from symid.lessons.derivation import Step as Step, derive_lesson as derive_lesson
+else:
+    from symid.lazy import load_names
+
+    __getattr__, __dir__, __all__ = load_names(__name__, __file__)

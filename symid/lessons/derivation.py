@@ -1,0 +1,277 @@
+"""A derivation as a list of steps: a sentence, formulas, and a check that was really made.
+
+Robot -> `Step` records, from the frames to the torques, each with formulas in text and LaTeX.
+
+Supported: every robot the exact algebra supports. Beyond three coordinates the torques are not written out
+(they fill pages); their check is made at an exact rational point instead of term by term.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+from sympy import Add, Expr, Symbol, latex
+from sympy.polys.rings import PolyElement
+
+from symid.dynamics import (
+    DRIVE_PARAMETERS,
+    BaseParameters,
+    ExactEnergy,
+    Key,
+    LinkMotion,
+    PointAlgebra,
+    build_basis,
+    build_exact_state,
+    build_field,
+    build_point_state,
+    build_power_function,
+    build_recursion,
+    choose_domain,
+    compute_torque_columns,
+    derive_base_parameters,
+    derive_energy,
+    derive_torque_columns,
+    evaluate_torque_columns,
+    fold_vector,
+    split_polynomial,
+    write_label,
+    write_name_latex,
+    write_polynomial_latex,
+    write_polynomial_text,
+)
+from symid.errors import Notice, SymidError
+from symid.notation import INERTIAL
+from symid.robot import JointKind, Robot
+
+_WRITTEN_OUT = 3
+_AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Formula:
+    """An equation `left = right`, both sides in plain text and in LaTeX."""
+
+    left: str
+    text: str
+    latex: str
+    left_latex: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Step:
+    """One step: what is done and why, the formulas, and what was checked (empty: nothing to check)."""
+
+    title: str
+    sentence: str
+    formulas: tuple[Formula, ...] = ()
+    check: str = ""
+
+
+def _require(holds: bool, otherwise: str) -> None:  # noqa: FBT001  reads as an assertion
+    """Raise if an identity that must hold does not: then symid itself is wrong."""
+    if not holds:
+        text = f"the derivation contradicts itself: {otherwise}; please report this robot"
+        raise SymidError(Notice(code="dynamics.contradiction", text=text))
+
+
+def _build_formula(left: str, value: PolyElement) -> Formula:
+    return Formula(
+        left=left,
+        text=write_polynomial_text(value),
+        latex=write_polynomial_latex(value),
+        left_latex=write_name_latex(left),
+    )
+
+
+def _build_sentence(left: str, text: str) -> Formula:
+    """Return a formula that is a sentence."""
+    return Formula(left=left, text=text, latex=rf"\text{{{text}}}", left_latex=write_name_latex(left))
+
+
+def _describe_frames(robot: Robot) -> Step:
+    formulas = []
+    for number, joint in enumerate(robot.joints, start=1):
+        place = joint.placement
+        axis = "(" + ", ".join(str(row[2]) for row in place.rotation) + ")"
+        origin = "(" + ", ".join(str(value) for value in place.translation) + ")"
+        before = f"link {joint.parent + 1}" if joint.parent >= 0 else "the base"
+        motion = "turns about" if joint.kind is JointKind.REVOLUTE else "moves along"
+        text = f"{motion} z = {axis}, origin {origin} m, seen from {before}"
+        if joint.mimic is not None:
+            master = joint.mimic.master + 1
+            share = _write_sum([(joint.mimic.multiplier, f"q{master}")])
+            text += f"; it follows joint {master}: q{number} = {share}"
+        formulas.append(_build_sentence(f"joint {number} ({joint.name})", text))
+    for drive in robot.couplings:
+        speed = _write_sum([(factor, f"dq{index + 1}") for index, factor in drive.terms])
+        formulas.append(_build_sentence(f"drive {drive.name}", speed))
+    gravity = ", ".join(str(value) for value in robot.gravity)
+    return Step(
+        title="Frames",
+        sentence="Every link carries a frame whose z axis is its joint's axis. "
+        f"All lengths and rotations are exact; gravity is ({gravity}) m/s^2 in the base frame.",
+        formulas=tuple(formulas),
+    )
+
+
+def _write_sum(terms: Sequence[tuple[Fraction, str]]) -> str:
+    """Return a sum of multiples such as `q1 - 63/100*q2`."""
+    parts = [f"{'-' if factor < 0 else '+'} {_write_multiple(abs(factor), name)}" for factor, name in terms]
+    text = " ".join(parts)
+    return text.removeprefix("+ ") if text.startswith("+") else text.replace("- ", "-", 1)
+
+
+def _write_multiple(factor: Fraction, name: str) -> str:
+    return name if factor == 1 else f"{factor}*{name}"
+
+
+def _describe_velocities(motions: Sequence[LinkMotion[PolyElement]]) -> Step:
+    formulas: list[Formula] = []
+    for number, motion in enumerate(motions, start=1):
+        formulas += [
+            _build_formula(f"w{number}{axis}", v) for axis, v in zip(_AXES, motion.angular, strict=True) if v
+        ]
+        formulas += [
+            _build_formula(f"v{number}{axis}", v) for axis, v in zip(_AXES, motion.linear, strict=True) if v
+        ]
+    return Step(
+        title="Velocities",
+        sentence="From the base outwards each link takes over the velocity of the one before it, in its own "
+        "axes, and adds its joint's own. s1, c1 stand for sin q1, cos q1. What is not listed is zero.",
+        formulas=tuple(formulas),
+    )
+
+
+def _describe_energy(energy: ExactEnergy, base: BaseParameters) -> Step:
+    formulas = []
+    for parameter in base.parameters:
+        if energy.kinetic[parameter.label]:
+            formulas.append(_build_formula(f"dT/d{parameter.name}", energy.kinetic[parameter.label]))
+        if energy.potential[parameter.label]:
+            formulas.append(_build_formula(f"dV/d{parameter.name}", energy.potential[parameter.label]))
+    return Step(
+        title="Energy",
+        sentence="Both energies are linear in the parameters of links, rotors and springs: T = hT beta, "
+        "V = hV beta (Gautier and Khalil 1988). These are the entries that belong to the base parameters; "
+        "what is not listed is zero.",
+        formulas=tuple(formulas),
+        check=_check_grouping(energy, base),
+    )
+
+
+def _check_grouping(energy: ExactEnergy, base: BaseParameters) -> str:
+    """Return the statement that h pi = h_b K pi holds, coefficient by coefficient, once it was found true."""
+    ring = energy.algebra.ring
+    basis = build_basis(energy.robot, energy.algebra, build_field(energy.robot))
+    rest = dict(energy.kinetic), dict(energy.potential)
+    for parameter in base.parameters:
+        for label, coefficient in parameter.terms:
+            if label not in rest[0]:
+                continue
+            factor = ring.from_expr(coefficient)
+            for part, source in zip(rest, (energy.kinetic, energy.potential), strict=True):
+                part[label] -= energy.algebra.mul(factor, source[parameter.label])
+    # A potential that no coordinate changes, as of a link that stays up, is no information.
+    constant = build_power_function(basis)
+    lost = [
+        label
+        for part in rest
+        for label, value in part.items()
+        if any(function != constant for function in split_polynomial(basis, value))
+    ]
+    _require(not lost, f"the grouping loses {lost}")
+    return "verified exactly: energy per standard parameter = energy per base parameter times the grouping"
+
+
+def _describe_base(robot: Robot, base: BaseParameters) -> Step:
+    formulas = tuple(
+        Formula(
+            left=p.name,
+            text=p.expression,
+            latex=_write_group(robot, p.terms),
+            left_latex=write_name_latex(p.name),
+        )
+        for p in base.parameters
+    )
+    total = sum(name in (*INERTIAL, *DRIVE_PARAMETERS) for _, name in base.labels)
+    return Step(
+        title="Base parameters",
+        sentence=f"Of {total} inertial parameters only {base.count} combinations can be seen in any motion.",
+        formulas=formulas,
+    )
+
+
+def _write_group(robot: Robot, terms: Sequence[tuple[Key, Expr]]) -> str:
+    """Return a grouping in LaTeX, in its own order."""
+    products = [coefficient * Symbol(write_label(robot, label)) for label, coefficient in terms]
+    return str(latex(Add(*products, evaluate=False), order="none"))
+
+
+def _describe_torques(robot: Robot, energy: ExactEnergy, base: BaseParameters) -> Step:
+    written = robot.freedom <= _WRITTEN_OUT
+    sentence = "Lagrange: tau = d/dt(dT/ddq) - dT/dq + dV/dq, per base parameter, from the energy alone."
+    if not written:
+        sentence += " The expressions fill pages at this size and are not printed; generated code holds them."
+        return Step(title="Torques", sentence=sentence, check=_check_at_point(robot, energy, base.keys))
+    columns = derive_torque_columns(energy, base.keys)
+    formulas = [
+        _build_formula(f"dtau{joint + 1}/d{parameter.name}", columns[parameter.label][position])
+        for position, joint in enumerate(robot.coordinates)
+        for parameter in base.parameters
+        if columns[parameter.label][position]
+    ]
+    state = build_exact_state(robot, energy.algebra)
+    other = compute_torque_columns(build_recursion(robot, energy.algebra, state), base.keys)
+    same = all(fold_vector(robot, energy.algebra, other[key]) == tuple(columns[key]) for key in base.keys)
+    _require(same, "Lagrange and Newton-Euler give different polynomials")
+    check = "verified exactly: the same polynomials as by the Newton-Euler recursion"
+    return Step(title="Torques", sentence=sentence, formulas=tuple(formulas), check=check)
+
+
+def _draw_point(robot: Robot, energy: ExactEnergy) -> dict[str, Any]:
+    """Return a fixed exact point with s^2 + c^2 = 1, different numbers for every coordinate."""
+    domain = choose_domain(robot)
+
+    def number(value: Fraction) -> Any:  # noqa: ANN401  an element of a SymPy domain
+        return domain.convert(value.numerator) / domain.convert(value.denominator)
+
+    values: dict[str, Any] = {str(symbol): number(Fraction(3, 7)) for symbol in energy.algebra.ring.symbols}
+    for k in range(1, robot.size + 1):
+        t = Fraction(2 * k + 1, 3 * k + 5)
+        values[f"s{k}"], values[f"c{k}"] = number(2 * t / (1 + t * t)), number((1 - t * t) / (1 + t * t))
+        values[f"q{k}"] = number(Fraction(k, 5))
+        values[f"dq{k}"], values[f"ddq{k}"] = number(Fraction(7 - 2 * k, 3)), number(Fraction(5 * k - 11, 4))
+    return values
+
+
+def _check_at_point(robot: Robot, energy: ExactEnergy, keys: Sequence[Key]) -> str:
+    values = _draw_point(robot, energy)
+    from_energy = evaluate_torque_columns(energy, keys, values)
+    algebra = PointAlgebra(energy.algebra.ring.domain, values)
+    by_recursion = compute_torque_columns(
+        build_recursion(robot, algebra, build_point_state(robot, algebra, values)), keys
+    )
+    same = all(fold_vector(robot, algebra, by_recursion[key]) == tuple(from_energy[key]) for key in keys)
+    _require(same, "Lagrange and Newton-Euler differ at a rational point")
+    return "verified exactly at a rational point: equal to the Newton-Euler recursion"
+
+
+def _write_steps(robot: Robot) -> Iterator[Step]:
+    base = derive_base_parameters(robot)
+    energy = derive_energy(robot)
+    state = build_exact_state(robot, energy.algebra)
+    yield _describe_frames(robot)
+    yield _describe_velocities(build_recursion(robot, energy.algebra, state).motions)
+    yield _describe_energy(energy, base)
+    yield _describe_base(robot, base)
+    yield _describe_torques(robot, energy, base)
+
+
+def derive_lesson(robot: Robot) -> tuple[Step, ...]:
+    """Return the derivation of the dynamics of `robot`, step by step.
+
+    Raises:
+        SymidError: two ways that must agree do not.
+    """
+    return tuple(_write_steps(robot))

@@ -1,1 +1,0 @@
-"""Logs looked at with the dynamics of the robot, before anything is identified."""

@@ -1,0 +1,71 @@
+"""Recordings: readers, units, checks, filters, alignment, splits."""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from symid.logs.alignment import (
+        Alignment as Alignment,
+        Encoders as Encoders,
+        align as align,
+        estimate_alignment as estimate_alignment,
+        get_encoders as get_encoders,
+        keep_significant as keep_significant,
+        shift_channel as shift_channel,
+        shift_link_channel as shift_link_channel,
+        split_blocks as split_blocks,
+    )
+    from symid.logs.checks import (
+        JointSummary as JointSummary,
+        check_recording as check_recording,
+        get_second_encoder_side as get_second_encoder_side,
+        summarise_joints as summarise_joints,
+    )
+    from symid.logs.files import (
+        RawLog as RawLog,
+        read_csv as read_csv,
+        write_raw_log as write_raw_log,
+        write_recording as write_recording,
+    )
+    from symid.logs.proposal import (
+        LogMapDraft as LogMapDraft,
+        NamesByQuantity as NamesByQuantity,
+        draft_log_map as draft_log_map,
+    )
+    from symid.logs.reader import read_raw as read_raw
+    from symid.logs.recording import Recording as Recording, Signals as Signals, cut_ends as cut_ends
+    from symid.logs.runs import (
+        IN_MEMORY_PREFIX as IN_MEMORY_PREFIX,
+        check_distinct as check_distinct,
+        check_distinct_samples as check_distinct_samples,
+        compute_log_digests as compute_log_digests,
+        describe_logs as describe_logs,
+        get_run_weights as get_run_weights,
+        is_log_of_fit as is_log_of_fit,
+        read_fit_recordings as read_fit_recordings,
+        read_one_log as read_one_log,
+        read_recorded_runs as read_recorded_runs,
+        read_recordings as read_recordings,
+        refuse_known_payloads as refuse_known_payloads,
+    )
+    from symid.logs.sampling import (
+        LogTiming as LogTiming,
+        describe_timing as describe_timing,
+        measure_timing as measure_timing,
+        resample_if_uneven as resample_if_uneven,
+        resample_log as resample_log,
+    )
+    from symid.logs.signals import (
+        choose_processing as choose_processing,
+        compute_noise_bandwidth as compute_noise_bandwidth,
+        decimate as decimate,
+        decimate_blocks as decimate_blocks,
+        decimate_columns as decimate_columns,
+        describe_uneven as describe_uneven,
+        differentiate as differentiate,
+        low_pass as low_pass,
+        prepare_signals as prepare_signals,
+    )
+else:
+    from symid.lazy import load_names
+
+    __getattr__, __dir__, __all__ = load_names(__name__, __file__)

@@ -1,0 +1,267 @@
+"""What is suspicious in a recording, and what every joint does in it; nothing here stops an identification.
+
+Recording, Robot -> notices; JointSummary of each joint: range, top speed, encoder step, standstill,
+torque.
+
+Supported: uneven sampling, a velocity that is not the position's, a channel that never changes,
+standstill, torque at its limit, positions beyond the joint's limits, positions that look like degrees,
+coarse or repeated samples, second encoders that are not there; encoder steps where positions are whole
+multiples of a step but for rounding, with or without a zero offset.
+Not supported: what needs the robot's dynamics: signs, swapped joints and delays, which
+`identification.diagnostics` looks at; delays between encoders, which `alignment` estimates; the step of
+interpolated positions, which cannot be seen.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from symid.arrays import FloatArray
+from symid.errors import Notice
+from symid.logs.recording import Recording
+from symid.logs.sampling import describe_timing
+from symid.robot import Joint, JointKind, Robot
+
+# Thresholds are those of a remark, not of a refusal: they only choose what is worth saying.
+_REPEATED = 0.5
+_STANDSTILL = 0.5
+_SLOW = 1e-3
+_SATURATED = 0.01
+_MANY_TURNS = 4.0 * np.pi
+_LEAST_WAY = 1e-2
+"""Rad or m a joint must have moved for its velocity to be compared."""
+_UNLIKE = 0.9
+_RATIO = 0.1
+
+
+def check_recording(recording: Recording, robot: Robot) -> tuple[Notice, ...]:
+    """Return what a reader of an identification from this recording should know first."""
+    found = [(notice.code, notice.text) for notice in describe_timing(recording.time)]
+    for index, joint in enumerate(robot.axes):
+        position, torque = recording.position[:, index], recording.torque[:, index]
+        found += _check_position(position, joint)
+        found += _check_torque(torque, joint)
+        found += _check_motion(position, recording.period, joint)
+    found += _check_second(recording, robot)
+    if recording.velocity is not None and np.all(np.isfinite(recording.velocity)):
+        found += _check_velocity(recording, recording.velocity, robot)
+    return tuple(Notice(code=code, text=text, file=recording.source) for code, text in found)
+
+
+def get_second_encoder_side(recording: Recording) -> str | None:
+    """Return the side that a second position was measured on: "motor" or "link", None if there is none."""
+    if recording.motor_position is not None:
+        return "motor"
+    return None if recording.link_position is None else "link"
+
+
+def _check_second(recording: Recording, robot: Robot) -> Iterator[tuple[str, str]]:
+    side = get_second_encoder_side(recording)
+    second = recording.motor_position if side == "motor" else recording.link_position
+    if side is None or second is None:
+        return
+    names = [repr(joint.name) for joint in robot.axes]
+    still = np.ptp(second, axis=0) == 0.0
+    copied = np.all(second == recording.position, axis=0) & ~still
+    for mask, what in ((still, "is constant"), (copied, "repeats the position to the last bit")):
+        if mask.any():
+            joints = ", ".join(name for name, hit in zip(names, mask, strict=True) if hit)
+            text = f"the channel of the {side} encoder {what} for {joints}: there is no such encoder"
+            yield "log.no-second-encoder", f"{text}, and the torsion of these joints is unknown"
+
+
+def _check_velocity(recording: Recording, velocity: FloatArray, robot: Robot) -> Iterator[tuple[str, str]]:
+    """Compare the integral of the logged velocity with the position: their ratio tells units and sides."""
+    steps = np.diff(recording.time)[:, None] * (velocity[1:] + velocity[:-1]) / 2.0
+    way = np.vstack([np.zeros((1, velocity.shape[1])), np.cumsum(steps, axis=0)])
+    for index, joint in enumerate(robot.axes):
+        position, integral = _detrend(recording.position[:, index]), _detrend(way[:, index])
+        sizes = float(np.linalg.norm(position)), float(np.linalg.norm(integral))
+        if not min(sizes) or np.ptp(recording.position[:, index]) < _LEAST_WAY:
+            continue
+        likeness = float(position @ integral) / (sizes[0] * sizes[1])
+        ratio = sizes[1] / sizes[0] * np.sign(likeness)
+        if abs(likeness) < _UNLIKE:
+            text = f"the velocity of joint {joint.name!r} is not that of its position"
+            yield (
+                "log.velocity-differs",
+                f"{text}: is the order of the velocity columns that of the positions?",
+            )
+        elif abs(ratio - 1.0) > _RATIO:
+            text = f"the velocity of joint {joint.name!r} is {ratio:.4g} times the rate of its position"
+            yield "log.velocity-differs", f"{text}: {_explain_ratio(ratio, joint.drive.gear)}"
+
+
+def _detrend(values: FloatArray) -> FloatArray:
+    """Return `values` (N,) without their mean and slope: a small bias of a velocity is no mistake."""
+    place = np.linspace(-1.0, 1.0, len(values))
+    left = values - values.mean()
+    flat: FloatArray = left - place * (float(place @ left) / float(place @ place))
+    return flat
+
+
+def _explain_ratio(ratio: float, gear: float) -> str:
+    """Return in words what may stand behind a velocity that is `ratio` times the rate of the position."""
+    known = {
+        -1.0: "one of them has the wrong sign",
+        180.0 / np.pi: "the velocity looks like degrees per second",
+        np.pi / 180.0: "the position looks like degrees",
+        30.0 / np.pi: "the velocity looks like revolutions per minute",
+        1e3: "one of them is in thousandths, or time is in milliseconds",
+        1e-3: "one of them is in thousandths, or time is in milliseconds",
+        gear: "the velocity looks like the motor's",
+        1.0 / gear: "the position looks like the motor's",
+    }
+    hits = [text for value, text in known.items() if abs(ratio / value - 1.0) < _RATIO and value != 1.0]
+    return f"{hits[0] if hits else 'their units or sides differ'}; state unit and side of both under [log]"
+
+
+def _check_position(position: FloatArray, joint: Joint) -> Iterator[tuple[str, str]]:
+    low, high = float(position.min()), float(position.max())
+    if low == high:
+        yield "log.constant-position", f"joint {joint.name!r} never moves in this log"
+        return
+    repeated = (
+        float(np.mean(np.diff(position[_moving(position)]) == 0.0)) if _moving(position).sum() > 1 else 0.0
+    )
+    if repeated > _REPEATED:
+        text = (
+            f"joint {joint.name!r} moves, yet {100 * repeated:.0f} % of its positions repeat the one before"
+        )
+        yield "log.repeated-samples", f"{text}: the sensor is slower than the log, or coarse"
+    limits = joint.limits.position
+    unit = "m" if joint.kind is JointKind.PRISMATIC else "rad"
+    if limits and (low < limits[0] or high > limits[1]):
+        text = f"joint {joint.name!r} runs from {low:.4g} to {high:.4g} {unit}, beyond its limits"
+        yield "log.beyond-limits", f"{text} {limits[0]:.4g} .. {limits[1]:.4g}; check unit and factor"
+    elif joint.kind is JointKind.REVOLUTE and high - low > _MANY_TURNS:
+        text = f"joint {joint.name!r} sweeps {high - low:.4g} rad, more than two turns"
+        gear = abs(joint.drive.gear)
+        if gear != 1.0 and (high - low) / gear < _MANY_TURNS / 2.0:
+            text += f" ({(high - low) / gear:.4g} rad by its gear ratio)"
+        yield "log.looks-like-degrees", f"{text}; is the log in degrees, or on the motor side?"
+
+
+def _moving(position: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+    """Return where a joint moves at more than a tenth of its median speed, over ten samples."""
+    span = min(10, len(position) - 1)
+    travel = np.abs(position[span:] - position[:-span])
+    mask = np.zeros(len(position), dtype=np.bool_)
+    mask[: len(travel)] = travel > 0.1 * float(np.median(travel))
+    return mask
+
+
+def _check_torque(torque: FloatArray, joint: Joint) -> Iterator[tuple[str, str]]:
+    peak = float(np.max(np.abs(torque)))
+    if float(torque.min()) == float(torque.max()):
+        yield "log.constant-torque", f"the torque of joint {joint.name!r} is {torque[0]:.4g} throughout"
+        return
+    at_peak = float(np.mean(np.abs(torque) >= peak * (1.0 - 1e-9)))
+    if at_peak > _SATURATED:
+        text = f"joint {joint.name!r}: {100 * at_peak:.1f} % of the torques are the same peak of {peak:.4g}"
+        yield "log.saturation", f"{text}: the drive saturates, or the log is clipped"
+    limit = joint.limits.torque
+    if limit is not None and peak > limit * (1.0 + 1e-6):
+        text = f"the torque of joint {joint.name!r} reaches {peak:.4g}, beyond its limit {limit:.4g}"
+        yield "log.torque-beyond-limit", f"{text}; check unit, factor and gear"
+
+
+def _check_motion(position: FloatArray, period: float, joint: Joint) -> Iterator[tuple[str, str]]:
+    sweep = float(position.max() - position.min())
+    if sweep == 0.0:
+        return
+    # A speed below a thousandth of sweep per second counts as standstill; taken over a tenth of a
+    # second, so that the steps of an encoder do not count as motion.
+    span = max(1, min(round(0.1 / period), len(position) - 1))
+    speed = np.abs(position[span:] - position[:-span]) / (span * period)
+    share = float(np.mean(speed < _SLOW * max(sweep, float(speed.max()))))
+    if share > _STANDSTILL:
+        text = f"joint {joint.name!r} stands still during {100 * share:.0f} % of the log"
+        yield "log.standstill", f"{text}; it says little about inertia and viscous friction"
+
+
+_SAMPLES = 200_000
+_TOLERANCE = 0.02
+"""Of a step: how far from a whole number of steps a difference may be."""
+_SMALLEST = 1e-7
+"""Of the range: a step below is the rounding of the file."""
+_LARGEST = 200.0
+"""Steps a difference may count: beyond, rounding of the log hides whether it is a whole number."""
+
+
+def estimate_encoder_step(position: FloatArray) -> float:
+    """Return the step (rad or m) of which all differences between samples are multiples; 0 if there is none.
+
+    Args:
+        position: (N,) rad or m.
+    """
+    differences = np.abs(np.diff(position[:_SAMPLES]))
+    floor = 64.0 * np.finfo(float).eps * float(np.max(np.abs(position), initial=0.0))
+    differences = differences[differences > floor]
+    if len(differences) < 3:
+        return 0.0
+    step = float(np.min(differences))
+    near = differences[differences < _LARGEST * step]
+    # The smallest difference carries rounding of the log: an average over many steps carries less.
+    counts = np.round(near / step)
+    step = float(near @ counts / (counts @ counts))
+    counts = differences / step
+    off = np.abs(counts - np.round(counts)) * np.minimum(1.0, _LARGEST / np.maximum(counts, 1.0))
+    visible = step > _SMALLEST * float(np.ptp(position))
+    return step if visible and float(np.quantile(off, 0.99)) < _TOLERANCE else 0.0
+
+
+_SPAN = 0.1
+"""Seconds over which a speed is taken, so that the steps of an encoder are no motion."""
+_STILL = 1e-3
+_PEAK = 1e-9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointSummary:
+    """What a joint does in a log, in the unit of its position and SI torque.
+
+    Args:
+        low, high: range of the position; speed: its largest, over a tenth of a second.
+        step: of the encoder, 0 where the log shows none.
+        standstill: share of the time at less than a thousandth of the sweep, or of the top speed, per second.
+        torque: root mean square; peak: largest size; saturated: share of the samples at the peak.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    speed: float
+    step: float
+    standstill: float
+    torque: float
+    peak: float
+    saturated: float
+
+
+def summarise_joints(recording: Recording, robot: Robot) -> tuple[JointSummary, ...]:
+    """Return what every joint does in the recording."""
+    found = []
+    span = max(1, min(round(_SPAN / recording.period), len(recording.time) - 1))
+    for index, joint in enumerate(robot.axes):
+        position, torque = recording.position[:, index], recording.torque[:, index]
+        speed = np.abs(position[span:] - position[:-span]) / (span * recording.period)
+        top, sweep = float(speed.max()), float(np.ptp(position))
+        peak = float(np.max(np.abs(torque)))
+        found.append(
+            JointSummary(
+                name=joint.name,
+                unit="m" if joint.kind is JointKind.PRISMATIC else "rad",
+                low=float(position.min()),
+                high=float(position.max()),
+                speed=top,
+                step=estimate_encoder_step(position),
+                standstill=float(np.mean(speed <= _STILL * max(sweep, top))),
+                torque=float(np.sqrt(np.mean(torque**2))),
+                peak=peak,
+                saturated=float(np.mean(np.abs(torque) >= peak * (1.0 - _PEAK))) if peak else 0.0,
+            )
+        )
+    return tuple(found)

@@ -1,0 +1,303 @@
+"""From a log file to a recording.
+
+Path, Robot (its `[log]` map says which column is what) -> Recording.
+
+    file -> raw columns (by suffix) -> preset names -> quantities in SI units -> checked -> Recording
+
+Presets are the column names of other programs, so that no `[log]` table has to list them:
+
+    ros      JointState of rostopic echo -p (field.position0), bagpy (position_0), PlotJuggler (T/J/position)
+    ur-rtde  record files of ur_rtde (actual_q_0, actual_qd_0, actual_current_0, timestamp)
+    franka   logs of libfranka (q[0] or state.q[0], tau_J[0]; time in ms)
+    symid    what symid writes (t, q, dq, tau)
+
+Supported: .mat, .npz, .csv and .txt with a heading line, .h5 and .hdf5 where h5py is installed; presets
+with joints in the order of the robot file, PlotJuggler's by name. What `[log]` states comes first.
+Not supported: Parquet, rosbags; JointState messages whose order of joints changes within a log.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from symid.arrays import FloatArray
+from symid.errors import LogError
+from symid.logs.columns import CONTROL_QUANTITIES, Findings, extract_quantity, extract_time
+from symid.logs.files import RawLog, read_csv, read_hdf5, read_mat, read_npz, refuse_file
+from symid.logs.recording import Recording
+from symid.logs.signals import choose_processing, compute_least_samples, describe_too_short, describe_uneven
+from symid.robot import Joint, LogQuantity, Processing, Robot
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _PresetLayout:
+    """Names of the columns of one program: `{k}` counts from 0, `{joint}` is the joint's name."""
+
+    time: tuple[tuple[str, str], ...]
+    position: tuple[str, ...]
+    velocity: tuple[str, ...]
+    torque: tuple[str, ...]
+    torque_unit: str = "SI"
+
+
+_LAYOUTS = {
+    "ros": _PresetLayout(
+        time=(("%time", "ns"), ("Time", "s"), ("__time", "s"), ("time", "s")),
+        position=("field.position{k}", "position_{k}", "*/{joint}/position", "{joint}_position"),
+        velocity=("field.velocity{k}", "velocity_{k}", "*/{joint}/velocity", "{joint}_velocity"),
+        torque=("field.effort{k}", "effort_{k}", "*/{joint}/effort", "{joint}_effort"),
+    ),
+    "ur-rtde": _PresetLayout(
+        time=(("timestamp", "s"),),
+        position=("actual_q_{k}",),
+        velocity=("actual_qd_{k}",),
+        torque=("actual_current_{k}",),
+        torque_unit="A",
+    ),
+    "franka": _PresetLayout(
+        time=(("time", "ms"), ("duration", "ms")),
+        position=("state.q[{k}]", "q[{k}]"),
+        velocity=("state.dq[{k}]", "dq[{k}]"),
+        torque=("state.tau_J[{k}]", "tau_J[{k}]"),
+    ),
+}
+
+
+def apply_preset(raw: RawLog, robot: Robot, findings: Findings) -> Robot:
+    """Return the robot with the columns of its preset in the `[log]` map; as it is where it has none."""
+    layout = _LAYOUTS.get(robot.log.preset or "")
+    if layout is None:
+        return robot
+    log = robot.log
+    time = next((entry for entry in layout.time if entry[0] in raw.columns), None)
+    if log.time is None and time is not None:
+        log = replace(log, time=LogQuantity(columns=(time[0],), unit=time[1]))
+    found: dict[str, LogQuantity] = {}
+    for name in ("position", "velocity", "torque"):
+        patterns: tuple[str, ...] = getattr(layout, name)
+        columns = _match_columns(raw, patterns, robot.axes)
+        if getattr(log, name) is not None or (columns is None and name == "velocity"):
+            continue
+        if columns is None:
+            wanted = " or ".join(", ".join(_list_names(pattern, robot.axes)[:2]) for pattern in patterns)
+            text = f"{name}: preset {log.preset!r} looks for {wanted} ..., which not every joint has"
+            findings.refuse("log.preset", f"{text}; name the columns in [log.{name}]")
+            continue
+        found[name] = LogQuantity(columns=columns, unit="SI")
+        if name == "torque" and layout.torque_unit != "SI":
+            found[name] = _convert_currents(columns, layout.torque_unit, robot, findings)
+    log = replace(
+        log,
+        position=found.get("position", log.position),
+        velocity=found.get("velocity", log.velocity),
+        torque=found.get("torque", log.torque),
+    )
+    return replace(robot, log=log)
+
+
+def _list_names(pattern: str, joints: Sequence[Joint]) -> tuple[str, ...]:
+    return tuple(pattern.format(k=index, joint=joint.name) for index, joint in enumerate(joints))
+
+
+def _match_columns(raw: RawLog, patterns: tuple[str, ...], joints: Sequence[Joint]) -> tuple[str, ...] | None:
+    """Return the columns of the first pattern that has one for every joint; * stands for any topic."""
+    for pattern in patterns:
+        names = _list_names(pattern, joints)
+        if pattern.startswith("*"):
+            hits = [[name for name in raw.columns if name.endswith(ending[1:])] for ending in names]
+            names = tuple(hit[0] if len(hit) == 1 else "" for hit in hits)
+        if all(name in raw.columns for name in names):
+            return names
+    return None
+
+
+def _convert_currents(columns: tuple[str, ...], unit: str, robot: Robot, findings: Findings) -> LogQuantity:
+    """Return the quantity for motor currents, by the torque constants of the robot file."""
+    drives = [joint.drive for joint in robot.axes]
+    lacking = [joint.name for joint in robot.axes if joint.drive.torque_constant is None]
+    if lacking:
+        text = (
+            f"torque: {columns[0]!r} ... are motor currents, and joint {lacking[0]!r} has no torque_constant "
+            "(N m/A) in its drive, which turns them into torques: add it, and the gear ratio"
+        )
+        findings.refuse("log.no-torque-constant", text)
+    coupled = robot.log.transmission is not None
+    factor = tuple((drive.torque_constant or 1.0) * (1.0 if coupled else drive.gear) for drive in drives)
+    return LogQuantity(columns=columns, unit=unit, factor=factor, side="motor" if coupled else "joint")
+
+
+READERS: dict[str, Callable[[Path], RawLog]] = {
+    ".mat": read_mat,
+    ".npz": read_npz,
+    ".csv": read_csv,
+    ".txt": read_csv,
+    ".h5": read_hdf5,
+    ".hdf5": read_hdf5,
+}
+"""Which reader a suffix gets."""
+
+_ENCODERS = ("motor_position", "link_position")
+
+_LARGEST = 1e100
+"""Of what a sensor can have measured; squares of larger values overflow."""
+
+
+def read_recording(path: Path, robot: Robot, *, uneven: bool = False) -> Recording:
+    """Return the recording in the log at `path`, as the robot's `[log]` map reads it.
+
+    Args:
+        path: a file with one of the suffixes of `READERS`.
+        robot: its `[log]` map says which column is what.
+        uneven: whether times may be uneven, repeat or run backwards, for those that look at them.
+
+    Raises:
+        LogError: the file cannot be read, or its columns cannot be used; all that is wrong is said.
+    """
+    raw = read_raw(path)
+    findings = Findings(file=str(path))
+    robot = apply_preset(raw, robot, findings)
+    time, used = extract_time(raw, robot, findings)
+    samples = None if time is None else len(time)
+    values: dict[str, FloatArray | None] = {}
+    columns: dict[str, tuple[str, ...]] = {}
+    for name in ("position", "velocity", "torque", *_ENCODERS, *CONTROL_QUANTITIES):
+        values[name], columns[name] = extract_quantity(raw, robot, name, samples, findings)
+    if values["position"] is None:
+        _explain_side(columns, findings)
+    # A velocity stops nothing: no stage uses it. What a controller was asked to do, few stages.
+    needed = (column for name in ("position", "torque", *_ENCODERS) for column in columns[name])
+    _check_numbers(raw, (*used, *needed), findings)
+    _check_encoders(columns, findings)
+    if time is not None and not uneven:
+        _check_time(time, robot.processing, findings)
+    position, torque = values["position"], values["torque"]
+    # What is missing is among the mistakes.
+    if findings.mistakes or time is None or position is None or torque is None:
+        raise LogError(*findings.mistakes)
+    known = {*used, *(name for names in columns.values() for name in names)}
+    unused = tuple(name for name in raw.columns if name not in known)
+    _remark_unused((*unused, *raw.others), columns["velocity"], findings)
+    return Recording(
+        time=time,
+        position=position,
+        velocity=values["velocity"],
+        motor_position=values["motor_position"],
+        link_position=values["link_position"],
+        reference=values["reference"],
+        reference_velocity=values["reference_velocity"],
+        feedforward=values["feedforward"],
+        torque=torque,
+        source=str(path),
+        notices=tuple(findings.remarks),
+        extras={name: raw.columns[name] for name in unused},
+    )
+
+
+def _explain_side(columns: dict[str, tuple[str, ...]], findings: Findings) -> None:
+    """Say what the one position of a log is good for, where it has that of one side alone."""
+    motor, link = (columns[name] for name in _ENCODERS)
+    if motor and not link:
+        text = (
+            f"the log has the positions of the motors ({', '.join(motor)}) and none of the links: name these "
+            "columns in [log.position], for what the motor side alone can tell"
+        )
+        findings.refuse("log.one-side", text)
+    if link and not motor:
+        text = (
+            f"the log has the positions of the links ({', '.join(link)}) and none of the motors, with which "
+            "friction and rotors of elastic joints turn: add those of the motors; where joints are rigid, "
+            "name these columns in [log.position]"
+        )
+        findings.refuse("log.one-side", text)
+
+
+def _check_encoders(columns: dict[str, tuple[str, ...]], findings: Findings) -> None:
+    """Refuse a log whose positions have two second encoders, or one that is the first one again."""
+    motor, link = (columns[name] for name in _ENCODERS)
+    if motor and link:
+        text = (
+            f"the log has motor positions ({', '.join(motor)}) and link positions ({', '.join(link)}) "
+            f"besides its positions ({', '.join(columns['position'])}), which must be one of the two: "
+            "name the columns of the links in [log.position] and those of the motors in "
+            "[log.motor_position], or those of the motors in [log.position] and those of the links in "
+            "[log.link_position]; rename what is left over"
+        )
+        findings.refuse("log.two-encoders", text)
+    for name in _ENCODERS:
+        if columns[name] and columns[name] == columns["position"]:
+            text = f"{name} and position are the same columns ({', '.join(columns[name])})"
+            remedy = (
+                "name the columns of the motors in [log.position]; where joints are rigid, leave it out"
+                if name == "link_position"
+                else "leave it out"
+            )
+            findings.refuse("log.same-encoder", f"{text}: one encoder tells no torsion; {remedy}")
+
+
+def _remark_unused(names: tuple[str, ...], velocity: tuple[str, ...], findings: Findings) -> None:
+    parts = [f"columns that were not used: {', '.join(names)}"] if names else []
+    if velocity:
+        text = "velocity was read but is not used: velocities come from the filtered position"
+        parts.append(f"{text} (columns {', '.join(velocity)})")
+    if parts:
+        findings.remark("log.unused-columns", "; ".join(parts))
+
+
+def read_raw(path: Path) -> RawLog:
+    """Return the columns of the log at `path` as they stand in it.
+
+    Raises:
+        LogError: the file cannot be read.
+    """
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        known = ", ".join(READERS)
+        found = f"{path.suffix!r}" if path.suffix else "no suffix"
+        raise refuse_file(str(path), f"a log must be one of {known}, got {found}", "log.unknown-suffix")
+    if not path.exists():
+        raise refuse_file(str(path), "there is no such file", "log.no-such-file")
+    if not path.is_file():
+        raise refuse_file(str(path), "this is a folder, not a log", "log.unreadable")
+    try:
+        return reader(path)
+    except PermissionError as error:
+        raise refuse_file(str(path), "the file may not be read (no permission)") from error
+
+
+def _check_numbers(raw: RawLog, used: tuple[str, ...], findings: Findings) -> None:
+    for name in dict.fromkeys(used):
+        column = raw.columns.get(name)
+        if column is None:
+            continue
+        bad = np.argwhere(~(np.abs(np.atleast_1d(column)) <= _LARGEST))
+        if len(bad):
+            first = int(bad[0, 0])
+            place = f"sample {first}" + (f", column {int(bad[0, 1])}" if bad.shape[1] > 1 else "")
+            text = (
+                f"{name!r} holds {len(bad)} values that are no numbers (NaN, infinite, beyond {_LARGEST:g}); "
+                f"the first at {place}"
+            )
+            findings.refuse("log.not-finite", f"{text}, counted from 0; cut or repair the log there")
+
+
+def _check_time(time: FloatArray, processing: Processing, findings: Findings) -> None:
+    steps = np.diff(time)
+    back = np.flatnonzero(steps <= 0.0)
+    if len(back):
+        at = int(back[0])
+        text = (
+            f"time must grow: sample {at + 1} (counted from 0) is at {time[at + 1]:.9g} s, the one before it"
+        )
+        more = f"; {len(back)} steps are like that" if len(back) > 1 else ""
+        findings.refuse("log.time-order", f"{text} at {time[at]:.9g} s{more}")
+    elif len(steps) and np.all(np.isfinite(steps)):
+        uneven = describe_uneven(time, file=findings.file)
+        if uneven is not None:
+            findings.mistakes.append(uneven)
+    span = float(time[-1] - time[0]) if len(time) > 1 else 0.0
+    if span > 0.0 and np.isfinite(span):
+        processing = choose_processing(processing, span / (len(time) - 1))
+    if len(time) < compute_least_samples(processing):
+        findings.mistakes.append(describe_too_short(len(time), processing, file=findings.file))

@@ -1,0 +1,165 @@
+"""Recording: what a log holds, in SI units, on the joint side, nothing left out; and parts of it.
+
+Arrays from a reader -> Recording; Recording, numbers of samples -> a shorter Recording with a notice.
+
+Supported: position, torque and time; where the log has them velocity, a second encoder, the controller's
+reference and feed-forward; other numeric columns as logged. Samples are cut off at both ends of every
+channel.
+Not supported: pieces from the middle.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from symid.arrays import FloatArray, freeze
+from symid.errors import LogError, Notice
+
+OPTIONAL_CHANNELS = (
+    "velocity",
+    "motor_position",
+    "link_position",
+    "reference",
+    "reference_velocity",
+    "feedforward",
+)
+"""Channels of a recording that are None where the log does not have them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunSettings:
+    """What holds for one run alone, where several logs make one fit.
+
+    Args:
+        file: the log; weight: what the squares of its residuals count for.
+        drop_first, drop_last: samples that were cut off before anything else.
+        payload: the name of what the robot carries, empty for nothing.
+        load: (p,) what a payload that is known adds to the base parameters, SI; empty where it is not known.
+        offset: rad or m added to the positions, one for all joints or one a joint.
+    """
+
+    file: str
+    weight: float = 1.0
+    drop_first: int = 0
+    drop_last: int = 0
+    payload: str = ""
+    load: tuple[float, ...] = ()
+    offset: tuple[float, ...] = (0.0,)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Recording:
+    """What a log holds.
+
+    Args:
+        time: (N,) s, strictly increasing.
+        position: (N, n) rad or m, joint side.
+        torque: (N, n) N m or N, joint side.
+        velocity: (N, n) rad/s or m/s where the log has it.
+        motor_position: (N, n) theta, rad or m, joint side, where the log has motor encoders besides
+            `position`, which is then that of the links.
+        link_position: (N, n) q, rad or m, where the log has link encoders besides `position`, which is then
+            that of the motors. At most one of the two is there.
+        reference: (N, n) rad or m, what the controller was to follow, where the log has it;
+            reference_velocity: (N, n) its velocity; feedforward: (N, n) N m or N, added to its torque.
+        source: the file it was read from, or what made it.
+        notices: what a reader should know: conversions made, columns not used.
+        extras: numeric columns of the log that are none of these, as logged.
+        run: what holds for this run alone, where it is one of several; applied already, but for the weight.
+    """
+
+    time: FloatArray
+    position: FloatArray
+    torque: FloatArray
+    velocity: FloatArray | None = None
+    motor_position: FloatArray | None = None
+    link_position: FloatArray | None = None
+    reference: FloatArray | None = None
+    reference_velocity: FloatArray | None = None
+    feedforward: FloatArray | None = None
+    source: str = ""
+    notices: tuple[Notice, ...] = ()
+    extras: Mapping[str, FloatArray] = field(default_factory=dict)
+    run: RunSettings | None = None
+
+    def __post_init__(self) -> None:
+        """Copy the arrays and make them read-only."""
+        for name in ("time", "position", "torque"):
+            object.__setattr__(self, name, freeze(getattr(self, name)))
+        for name in OPTIONAL_CHANNELS:
+            values = getattr(self, name)
+            if values is not None:
+                object.__setattr__(self, name, freeze(values))
+        object.__setattr__(self, "extras", {name: freeze(values) for name, values in self.extras.items()})
+
+    @property
+    def period(self) -> float:
+        """Return the mean sample period in s: clocks round each time, but not their sum."""
+        return float((self.time[-1] - self.time[0]) / (len(self.time) - 1))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Signals:
+    """States and torques at full rate after filter, differentiation and cut ends, before decimation.
+
+    Args:
+        time: (N,) s; q, dq, ddq, tau: (N, n) in SI units; period: s.
+    """
+
+    time: FloatArray
+    q: FloatArray
+    dq: FloatArray
+    ddq: FloatArray
+    tau: FloatArray
+    period: float
+
+    def __post_init__(self) -> None:
+        """Copy the arrays and make them read-only."""
+        for name in ("time", "q", "dq", "ddq", "tau"):
+            object.__setattr__(self, name, freeze(getattr(self, name)))
+
+
+_FEWEST = 3
+"""Samples that central differences need."""
+
+
+def cut_ends(recording: Recording, first: int, last: int) -> Recording:
+    """Return the recording without its first and last samples; as it is where both numbers are 0.
+
+    Raises:
+        LogError: less than three samples would be left.
+    """
+    if not first and not last:
+        return recording
+    count = len(recording.time)
+    left = count - first - last
+    if left < _FEWEST:
+        text = (
+            f"the log has {count} samples; cutting off the first {first} and the last {last} leaves "
+            f"{max(left, 0)}, and {_FEWEST} are needed at least: cut off less"
+        )
+        raise LogError(Notice(code="log.too-short", text=text, file=recording.source))
+    text = f"the first {first} and the last {last} of {count} samples were cut off, as the settings ask for"
+    notice = Notice(code="log.cut", text=text, file=recording.source)
+    cut = cut_recording(recording, slice(first, count - last))
+    return replace(cut, notices=(*cut.notices, notice))
+
+
+def cut_recording(recording: Recording, kept: slice) -> Recording:
+    """Return the samples `kept` of every channel."""
+    count = len(recording.time)
+    whole: dict[str, Any] = {name: getattr(recording, name) for name in OPTIONAL_CHANNELS}
+    channels: dict[str, Any] = {
+        name: None if values is None else values[kept] for name, values in whole.items()
+    }
+    return replace(
+        recording,
+        time=recording.time[kept],
+        position=recording.position[kept],
+        torque=recording.torque[kept],
+        **channels,
+        extras={
+            name: values[kept] if len(values) == count else values
+            for name, values in recording.extras.items()
+        },
+    )

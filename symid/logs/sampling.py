@@ -1,0 +1,250 @@
+"""Time stamps of a log: rate, jitter, gaps, repeated and returning times; uneven logs resampled.
+
+Times (N,) -> LogTiming; notices, each with what to do. Times -> Resampling; Recording or RawLog -> the
+same at even times, with its column names and units, so that the same robot file reads it.
+
+    repeated and returning samples left out -> cut at long gaps, the longest piece kept -> even grid
+
+Between samples every channel is interpolated by the same monotone cubics (Fritsch and Carlson 1980),
+which add no overshoot.
+
+Supported: any finite times; gaps of up to ten periods, which are bridged; columns with a value a sample,
+others are copied.
+Not supported: clocks that drift against the robot's; several pieces at once: cut the log into files.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symid.arrays import FloatArray
+from symid.errors import LogError, Notice
+from symid.logs.columns import Findings, extract_time
+from symid.logs.files import RawLog
+from symid.logs.reader import apply_preset
+from symid.logs.recording import OPTIONAL_CHANNELS, Recording
+from symid.logs.signals import describe_uneven
+from symid.robot import Robot
+
+_REMARKED_JITTER = 0.05
+"""Of a period: deviations of steps from here on are worth a remark."""
+_GAP = 1.5
+_REMEDY = "`symid check ROBOT LOG --resample FILE` writes an evenly sampled copy"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogTiming:
+    """How a log was sampled.
+
+    Args:
+        samples: number of samples; `duration` in s, from the first to the last.
+        period: median of the steps that go on, in s; 0 if none does.
+        jitter: root mean square of the steps' deviations from it, relative, gaps apart.
+        largest: the largest such deviation, relative.
+        repeated, backward: numbers of samples at the time of the one before, and before it.
+        gaps: (start, end) in s of steps longer than 1.5 periods; `missing` samples would fill them.
+        first_fault: index of the first sample that repeats or returns, -1 if none does.
+    """
+
+    samples: int
+    duration: float
+    period: float
+    jitter: float
+    largest: float
+    repeated: int
+    backward: int
+    gaps: tuple[tuple[float, float], ...]
+    missing: int
+    first_fault: int = -1
+
+    @property
+    def even(self) -> bool:
+        """Return whether every step goes on by nearly the same."""
+        return not (self.repeated or self.backward or self.gaps) and self.largest <= _REMARKED_JITTER
+
+
+def measure_timing(time: FloatArray) -> LogTiming:
+    """Return how a log with these times (N,) in s was sampled."""
+    steps = np.diff(time)
+    onward = steps[steps > 0.0]
+    period = float(np.median(onward)) if len(onward) else 0.0
+    long = np.flatnonzero(steps > _GAP * period) if period else np.zeros(0, dtype=int)
+    usual = onward[onward <= _GAP * period] / period - 1.0 if period else np.zeros(0)
+    faults = np.flatnonzero(steps <= 0.0)
+    return LogTiming(
+        samples=len(time),
+        duration=float(np.ptp(time)) if len(time) else 0.0,
+        period=period,
+        jitter=float(np.sqrt(np.mean(usual**2))) if len(usual) else 0.0,
+        largest=float(np.max(np.abs(usual))) if len(usual) else 0.0,
+        repeated=int(np.sum(steps == 0.0)),
+        backward=int(np.sum(steps < 0.0)),
+        gaps=tuple((float(time[at]), float(time[at + 1])) for at in long),
+        missing=int(np.sum(np.round(steps[long] / period) - 1.0)) if period else 0,
+        first_fault=int(faults[0]) + 1 if len(faults) else -1,
+    )
+
+
+def describe_timing(time: FloatArray, file: str = "") -> tuple[Notice, ...]:
+    """Return what is odd about the times (N,) in s of the log `file`."""
+    timing = measure_timing(time)
+    found = []
+    if timing.backward:
+        text = (
+            f"{timing.backward} samples come before the one in front of them, the first of these faults is "
+            f"sample {timing.first_fault} (counted from 0): clocks were set, or files were joined"
+        )
+        found.append(("log.time-order", f"{text}; {_REMEDY} without them, or cut the log there"))
+    if timing.repeated:
+        text = f"{timing.repeated} samples have the time of the one before (the first: {timing.first_fault})"
+        found.append(("log.repeated-times", f"{text}: a message was logged twice; {_REMEDY} without them"))
+    if timing.gaps:
+        start, end = timing.gaps[0]
+        text = (
+            f"{len(timing.gaps)} gaps, {timing.missing} samples of {timing.samples + timing.missing} are "
+            f"missing; the first lasts from {start:.6g} s to {end:.6g} s"
+        )
+        found.append(("log.gap", f"{text}; log at a lower rate or with a higher priority; {_REMEDY}"))
+    if timing.largest > _REMARKED_JITTER:
+        refused = describe_uneven(time) is not None
+        text = (
+            f"steps of time differ by up to {100 * timing.largest:.3g} % from {timing.period:.6g} s (root "
+            f"mean square {100 * timing.jitter:.3g} %); filters assume even sampling"
+        )
+        remedy = _REMEDY if refused else "these are accepted as even; " + _REMEDY
+        found.append(("log.jitter", f"{text}; {remedy}"))
+    return tuple(Notice(code=code, text=text, file=file) for code, text in found)
+
+
+_BRIDGED = 10.0
+_FEWEST = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Resampling:
+    """Which samples are used, and the even times that take their place.
+
+    Args:
+        kept: (K,) indices of samples; before: (K,) their times in s; after: (M,) the even times in s.
+        samples: number of samples of the log; dropped: those with times that repeat or return.
+        bridged: gaps that were interpolated over; cut: samples of other pieces, left out.
+    """
+
+    kept: NDArray[np.intp]
+    before: FloatArray
+    after: FloatArray
+    samples: int
+    dropped: int
+    bridged: int
+    cut: int
+
+    def move(self, values: FloatArray) -> FloatArray:
+        """Return `values` (N, ...) of the log's samples at the even times."""
+        from scipy.interpolate import PchipInterpolator
+
+        moved: FloatArray = PchipInterpolator(self.before, values[self.kept], axis=0)(self.after)
+        return np.ascontiguousarray(moved)
+
+
+def plan_resampling(time: FloatArray, file: str = "") -> Resampling:
+    """Return how to make a log with these times (N,) in s even.
+
+    Raises:
+        LogError: fewer than four samples are left.
+    """
+    onward = np.flatnonzero(np.append(True, time[1:] > np.maximum.accumulate(time)[:-1])[: len(time)])
+    steps = np.diff(time[onward])
+    if len(onward) < _FEWEST:
+        text = f"only {len(onward)} of {len(time)} samples have a time of their own: nothing can be resampled"
+        raise LogError(Notice(code="log.time-order", text=f"{text}; check the time column", file=file))
+    period = float(np.median(steps))
+    pieces = np.split(onward, np.flatnonzero(steps > _BRIDGED * period) + 1)
+    kept = max(pieces, key=len)
+    if len(kept) < _FEWEST:
+        text = f"the longest piece without a gap has {len(kept)} samples, {_FEWEST} are needed at least"
+        raise LogError(Notice(code="log.gap", text=text, file=file))
+    before = time[kept]
+    count = max(2, round(float(before[-1] - before[0]) / period))
+    inner = np.diff(before)
+    return Resampling(
+        kept=kept,
+        before=before,
+        after=np.linspace(before[0], before[-1], count + 1),
+        samples=len(time),
+        dropped=len(time) - len(onward),
+        bridged=int(np.sum(inner > 1.5 * period)),
+        cut=len(onward) - len(kept),
+    )
+
+
+def describe_resampling(plan: Resampling, file: str = "") -> Notice:
+    """Return in words what resampling did."""
+    count = len(plan.after)
+    step = float(plan.after[1] - plan.after[0])
+    parts = [f"{plan.samples} samples became {count} at every {step:.6g} s"]
+    if plan.dropped:
+        parts.append(f"{plan.dropped} with times that repeat or return were left out")
+    if plan.bridged:
+        parts.append(f"{plan.bridged} gaps of up to {_BRIDGED:g} periods were interpolated over")
+    if plan.cut:
+        span = f"{plan.before[0]:.6g} s to {plan.before[-1]:.6g} s"
+        parts.append(f"{plan.cut} on the far side of longer gaps were left out: {span} is the longest piece")
+    return Notice(code="log.resampled", text="; ".join(parts), file=file)
+
+
+def resample_recording(recording: Recording, plan: Resampling) -> Recording:
+    """Return the recording at even times, with a notice that says what was done."""
+
+    def move(values: FloatArray | None) -> FloatArray | None:
+        return None if values is None else plan.move(values)
+
+    channels: dict[str, Any] = {name: move(getattr(recording, name)) for name in OPTIONAL_CHANNELS}
+    return replace(
+        recording,
+        time=plan.after,
+        position=plan.move(recording.position),
+        torque=plan.move(recording.torque),
+        **channels,
+        notices=(*recording.notices, describe_resampling(plan, recording.source)),
+        extras={},
+    )
+
+
+def resample_log(raw: RawLog, robot: Robot, file: str = "") -> tuple[RawLog, Notice]:
+    """Return the columns of a log at even times, and what was done.
+
+    Args:
+        raw: the columns as logged.
+        robot: its `[log]` map says which column is the time, and its unit.
+        file: where the log was read.
+
+    Raises:
+        LogError: there is no usable time column.
+    """
+    findings = Findings(file=file)
+    time, names = extract_time(raw, apply_preset(raw, robot, findings), findings)
+    if time is None or not np.all(np.isfinite(time)):
+        findings.refuse("log.not-finite", "the time column holds values that are no numbers")
+        raise LogError(*findings.mistakes)
+    plan = plan_resampling(time, file)
+    stamps = raw.columns[names[0]]
+    factor = float(np.ptp(stamps) / np.ptp(time))
+    columns = {
+        name: plan.move(values) if len(np.atleast_1d(values)) == plan.samples else values
+        for name, values in raw.columns.items()
+    }
+    return replace(raw, columns={**columns, names[0]: plan.after * factor}), describe_resampling(plan, file)
+
+
+def resample_if_uneven(recording: Recording) -> Recording:
+    """Return the recording as it is where filters may take it as even, else resampled, with a notice.
+
+    Raises:
+        LogError: too few samples are left.
+    """
+    steps = np.diff(recording.time)
+    if len(steps) and np.all(steps > 0.0) and describe_uneven(recording.time) is None:
+        return recording
+    return resample_recording(recording, plan_resampling(recording.time, recording.source))

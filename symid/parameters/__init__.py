@@ -1,1 +1,0 @@
-"""What can be known of a robot: base parameters, their values, consistent standard parameters."""

@@ -1,1 +1,0 @@
-"""Residuals: what a fit leaves, and what speaks against it."""

@@ -1,0 +1,370 @@
+"""Link frames in modified Denavit-Hartenberg form, with short exact numbers.
+
+Joints in a tree -> the same joints, their frames turned about and shifted along their own axes, so that the
+frames depend on the robot alone, not on who drew them. Neither changes the robot, its coordinates or their
+signs; both change how many operations its functions need and which combinations of parameters are called
+what.
+
+The form is Rot(x, alpha) Trans(x, a) Rot(z, theta) Trans(z, d) (Khalil and Kleinfinger 1986): the x axis of
+a link stands along the common normal of its own joint axis and that of the first joint after it. What the
+form leaves open is chosen so that theta and d are zero at q = 0.
+
+`rationalize_placement` replaces the long exact numbers that come together in many steps by short ones some
+1e-15 away and finds again quarter turns, right angles and zeros that rounding hid: rotations of the
+modified form become two exact angles, any other rotation with long numbers a rational quaternion. Short
+numbers stay as they are.
+
+Supported: trees of revolute and prismatic joints, symbolic lengths. A normal whose direction is not in the
+field of sqrt(2) and sqrt(3) is met to the digits of a double; parallel axes with such a distance between
+them keep the frame, and its exact numbers, where its two parts have few digits: somebody chose them. Axes
+that are nearly parallel have their common normal far away; the origin is then left open.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from itertools import chain
+from math import atan2, hypot
+
+import numpy as np
+
+from symid.robot.description import Joint
+from symid.robot.geometry import (
+    IDENTITY,
+    ONE,
+    ZERO,
+    Exact,
+    ExactMatrix,
+    ExactVector,
+    Placement,
+    SnappedPlacement,
+    build_exact_angle,
+    compose_placements,
+    compute_rotation,
+    compute_square_root,
+    invert_exact,
+    invert_placement,
+    rotate_x,
+    rotate_z,
+    snap_to_quarter_turns,
+    to_floats,
+)
+from symid.robot.inertia import move_parameters
+
+SMALLEST_SNAP = 1e-9
+"""Angles below this are the rounding of what was written (rad)."""
+
+SMALLEST_LENGTH = 1e-9
+"""Lengths below this are the rounding of what was written (m)."""
+
+# One angle with a rational cosine has a denominator of 16 digits, two of them 32.
+_LONGEST_TURN = 10**36
+_LONGEST_LENGTH = 10**12
+# A sum with square roots is no longer than this; beyond it came from decimals, and is one.
+_LONGEST_SURD = 10**8
+_LENGTH_PARTS = 10**12
+_QUATERNION_PARTS = 10**16
+
+
+def rationalize_placement(
+    placement: Placement, symbols: Mapping[str, float] | None = None, *, snap: float = 1e-5
+) -> SnappedPlacement:
+    """Return the placement in short numbers, and how far its axes were moved (rad).
+
+    Args:
+        placement: the placement, its rotation orthogonal.
+        symbols: values of symbolic lengths, m.
+        snap: rotations within this angle (rad) of quarter turns become these; zero turns that off.
+    """
+    rotation = _rationalize_rotation(placement, snap)
+    before, after = to_floats(placement), to_floats(rotation)
+    moved = max(abs(a - b) for a, b in zip(chain(*before), chain(*after), strict=True))
+    x, y, z = _rationalize_translation(placement, rotation.rotation, symbols or {})
+    return SnappedPlacement(
+        placement=Placement(rotation=rotation.rotation, translation=(x, y, z)), moved_by=moved
+    )
+
+
+def has_long_denominator(value: Exact, longest: int) -> bool:
+    """Return whether a number has a denominator above `longest`."""
+    return any(part.denominator > longest for _, surd in value.terms for part in surd)
+
+
+def _rationalize_rotation(placement: Placement, snap: float) -> Placement:
+    if straight := snap_to_quarter_turns(placement, snap=snap):
+        return straight.placement
+    long = any(has_long_denominator(entry, _LONGEST_TURN) for row in placement.rotation for entry in row)
+    across = placement.rotation[0][2]
+    if not across and not long:
+        return placement
+    r = to_floats(placement)
+    if abs(r[0][2]) <= max(snap, SMALLEST_SNAP):
+        alpha = build_exact_angle(atan2(-r[1][2], r[2][2]), snap=snap)
+        theta = build_exact_angle(atan2(-r[0][1], r[0][0]), snap=snap)
+        return compose_placements(rotate_x(alpha), rotate_z(theta))
+    if long:
+        return Placement(rotation=_approximate_rotation(r), translation=placement.translation)
+    return placement
+
+
+def _approximate_rotation(r: tuple[tuple[float, ...], ...]) -> ExactMatrix:
+    """Return the rotation of a rational quaternion near `r` (Shepperd 1978, the largest part first)."""
+    trace = r[0][0] + r[1][1] + r[2][2]
+    squares = [trace, r[0][0], r[1][1], r[2][2]]
+    largest = max(range(4), key=lambda k: squares[k])
+    if largest == 0:
+        parts = [1 + trace, r[2][1] - r[1][2], r[0][2] - r[2][0], r[1][0] - r[0][1]]
+    else:
+        i = largest - 1
+        j, k = (i + 1) % 3, (i + 2) % 3
+        parts = [r[k][j] - r[j][k], 0.0, 0.0, 0.0]
+        parts[1 + i] = 1 + r[i][i] - r[j][j] - r[k][k]
+        parts[1 + j] = r[j][i] + r[i][j]
+        parts[1 + k] = r[k][i] + r[i][k]
+    scale = max(abs(part) for part in parts)
+    return compute_rotation([Exact.of(round(part / scale * _QUATERNION_PARTS)) for part in parts])
+
+
+def _rationalize_translation(
+    placement: Placement, rotation: ExactMatrix, symbols: Mapping[str, float]
+) -> ExactVector:
+    """Return the translation in short numbers: a and d, where it has the modified form."""
+    origin = placement.translation
+    if not any(
+        has_long_denominator(value, _LONGEST_LENGTH if value.is_rational else _LONGEST_SURD)
+        for value in origin
+    ):
+        return _clear_rounding(origin)
+    if not all(value.is_number for value in origin):
+        return origin
+    t = [value.to_float(symbols) for value in origin]
+    u = [row[2] for row in rotation]
+    d = sum(a.to_float() * b for a, b in zip(u, t, strict=True))
+    rest = [b - a.to_float() * d for a, b in zip(u, t, strict=True)]
+    if not u[0] and max(abs(value) for value in rest[1:]) <= SMALLEST_LENGTH:
+        offset = _round_length(d)
+        return (_round_length(rest[0]), u[1] * offset, u[2] * offset)
+    return (_round_length(t[0]), _round_length(t[1]), _round_length(t[2]))
+
+
+def _clear_rounding(origin: ExactVector) -> ExactVector:
+    x, y, z = (
+        ZERO if value.is_number and abs(value.to_float()) < SMALLEST_LENGTH else value for value in origin
+    )
+    return (x, y, z)
+
+
+def _round_length(value: float) -> Exact:
+    if abs(value) < SMALLEST_LENGTH:
+        return ZERO
+    return Exact.surd(Fraction(round(Fraction(value) * _LENGTH_PARTS), _LENGTH_PARTS))
+
+
+_Direction = tuple[Exact, Exact]
+_KEPT: _Direction = (ONE, ZERO)
+# Digits of a length that somebody chose; programs write six and more.
+_CHOSEN_DIGITS = 4
+_DECIMALS = 10**30
+# A common normal further away than this many times the robot's longest length is that of parallels.
+_FARTHEST = 10
+# Below this angle (rad) between axes, parameters depend on digits that few files have.
+_NEARLY_PARALLEL = 1e-2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CanonicalFrames:
+    """Joints with other link frames.
+
+    For each joint, `moved_by` is how far its axes or its link's frame of the file were moved to get exact
+    numbers (rad); `tilts` is the angle to the axis of its parent (rad) where these are nearly parallel, or 0.
+    """
+
+    joints: tuple[Joint, ...]
+    moved_by: tuple[float, ...]
+    tilts: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _FrameChoice:
+    """What a link's frame is to be: the direction of x in the old frame's plane, and a shift along z.
+
+    None where the robot leaves it open.
+    """
+
+    direction: _Direction | None = None
+    shift: Exact | None = None
+
+
+def choose_canonical_frames(
+    joints: Sequence[Joint], symbols: Mapping[str, float] | None = None, *, snap: float = 1e-5
+) -> CanonicalFrames:
+    """Return the joints with frames of the modified form.
+
+    Placements, inertial values and `Joint.frame` go along, so that nothing else changes.
+
+    Args:
+        joints: parents before children.
+        symbols: values of symbolic lengths, m.
+        snap: axes within this angle (rad) of being parallel, and turns within it of a multiple of pi/2, are
+            taken as such; zero turns that off.
+    """
+    values = symbols or {}
+    tolerance = max(snap, SMALLEST_SNAP)
+    children: dict[int, Joint] = {}
+    for joint in joints:
+        children.setdefault(joint.parent, joint)
+    farthest = _FARTHEST * max((_measure_length(joint.placement, values) for joint in joints), default=0.0)
+    moves: list[Placement] = []
+    found, moved_by, tilts = [], [], []
+    for index, joint in enumerate(joints):
+        before = IDENTITY if joint.parent < 0 else moves[joint.parent]
+        placement = joint.placement
+        if before != IDENTITY:
+            placement = compose_placements(invert_placement(before), placement)
+        choice = (
+            _choose_frame(children[index].placement, values, tolerance)
+            if index in children
+            else _FrameChoice()
+        )
+        choice = _limit_shift(placement, choice, farthest, values)
+        move = _build_frame_change(placement, choice, tolerance)
+        moves.append(move)
+        settled = rationalize_placement(compose_placements(placement, move), values, snap=snap)
+        back = invert_placement(move)
+        framed = rationalize_placement(compose_placements(back, joint.frame), values, snap=snap)
+        found.append(
+            replace(
+                joint,
+                placement=settled.placement,
+                frame=framed.placement,
+                inertial=joint.inertial and _move_inertial(joint.inertial, back, values),
+            )
+        )
+        moved_by.append(max(settled.moved_by, framed.moved_by))
+        tilts.append(0.0 if joint.parent < 0 else _measure_tilt(settled.placement))
+    return CanonicalFrames(joints=tuple(found), moved_by=tuple(moved_by), tilts=tuple(tilts))
+
+
+def _measure_length(placement: Placement, symbols: Mapping[str, float]) -> float:
+    return hypot(*(value.to_float(symbols) for value in placement.translation))
+
+
+def _measure_tilt(placement: Placement) -> float:
+    """Return the angle between the z axes (rad) where it is small and not zero, else zero."""
+    tilt = hypot(placement.rotation[0][2].to_float(), placement.rotation[1][2].to_float())
+    return tilt if SMALLEST_SNAP < tilt < _NEARLY_PARALLEL else 0.0
+
+
+def _move_inertial(
+    inertial: tuple[float, ...], back: Placement, symbols: Mapping[str, float]
+) -> tuple[float, ...]:
+    if back == IDENTITY:
+        return inertial
+    translation = np.array([entry.to_float(symbols) for entry in back.translation])
+    return move_parameters(inertial, np.array(to_floats(back)), translation)
+
+
+def _choose_frame(child: Placement, symbols: Mapping[str, float], tolerance: float) -> _FrameChoice:
+    """Return the frame that the first joint after a link asks for.
+
+    With the child's axis along u through p, x stands along z x u, and the origin at the foot of the common
+    normal: p_z - u_z (p.u - p_z u_z) / (u_x^2 + u_y^2). For parallel axes x stands along p, if there is a
+    distance between them, and the origin is free.
+    """
+    ux, uy, uz = (row[2] for row in child.rotation)
+    px, py, pz = child.translation
+    if hypot(ux.to_float(), uy.to_float()) <= tolerance:
+        if hypot(px.to_float(symbols), py.to_float(symbols)) <= SMALLEST_LENGTH:
+            return _FrameChoice()
+        # Lengths that somebody chose stay exact; those that a program rotated are rounded anyway.
+        chosen = not ux and not uy and _is_chosen(px) and _is_chosen(py)
+        return _FrameChoice(
+            direction=_compute_exact_direction(px, py)
+            or (_KEPT if chosen else _approximate_direction(px, py, symbols))
+        )
+    direction = _compute_exact_direction(-uy, ux) or _approximate_direction(-uy, ux, symbols)
+    along = (px * ux + py * uy) * invert_exact(ux * ux + uy * uy)
+    return _FrameChoice(direction=direction, shift=pz - uz * along)
+
+
+def _is_chosen(value: Exact) -> bool:
+    """Return whether all numbers in a length are decimals of few digits."""
+    return all(_has_few_digits(part) for _, surd in value.terms for part in surd[:1]) and not any(
+        part for _, surd in value.terms for part in surd[1:]
+    )
+
+
+def _has_few_digits(value: Fraction) -> bool:
+    whole = abs(value) * _DECIMALS
+    return whole.denominator == 1 and len(str(whole.numerator).strip("0")) <= _CHOSEN_DIGITS
+
+
+def _limit_shift(
+    placement: Placement, choice: _FrameChoice, farthest: float, symbols: Mapping[str, float]
+) -> _FrameChoice:
+    """Return the choice with the shift left open where it leads beyond `farthest` (m)."""
+    if choice.shift is None:
+        return choice
+    offset = (choice.shift + _compute_axial_offset(placement)).to_float(symbols)
+    return choice if abs(offset) <= farthest else replace(choice, shift=None)
+
+
+def _compute_axial_offset(placement: Placement) -> Exact:
+    """Return where the origin stands along its own z axis, seen from the parent's origin."""
+    x, y, z = (row[2] * t for row, t in zip(placement.rotation, placement.translation, strict=True))
+    return x + y + z
+
+
+def _compute_exact_direction(x: Exact, y: Exact) -> _Direction | None:
+    """Return the unit vector along (x, y), in either sense; None where it is no number of the field."""
+    if not y:
+        return (ONE, ZERO)
+    if not x:
+        return (ZERO, ONE)
+    if not (x.is_number and y.is_number):
+        return None
+    length = compute_square_root(x * x + y * y)
+    if length is None:
+        return None
+    inverse = invert_exact(length)
+    return (x * inverse, y * inverse)
+
+
+def _approximate_direction(x: Exact, y: Exact, symbols: Mapping[str, float]) -> _Direction:
+    """Return a direction along (x, y) to the digits of a double."""
+    angle = build_exact_angle(atan2(y.to_float(symbols), x.to_float(symbols)), snap=0)
+    return (angle.cosine, angle.sine)
+
+
+def _build_frame_change(placement: Placement, choice: _FrameChoice, tolerance: float) -> Placement:
+    """Return the new frame seen from the old one.
+
+    Args:
+        placement: the old frame seen from the parent's new frame.
+        choice: what the next joint asks for.
+        tolerance: below this a direction cosine counts as zero.
+    """
+    columns = [(column[0], column[1], column[2]) for column in zip(*placement.rotation, strict=True)]
+    direction = choice.direction or _choose_free_direction(columns, tolerance)
+    lifted = [direction[0] * x + direction[1] * y for x, y in zip(columns[0], columns[1], strict=True)]
+    entries = [entry.to_float() for entry in lifted]
+    first = next(entry for entry in entries if abs(entry) > tolerance)
+    cosine, sine = direction if first > 0 else (-direction[0], -direction[1])
+    shift = choice.shift
+    if shift is None:
+        shift = -_compute_axial_offset(placement)
+    rotation = ((cosine, -sine, ZERO), (sine, cosine, ZERO), (ZERO, ZERO, ONE))
+    return Placement(rotation=rotation, translation=(ZERO, ZERO, shift))
+
+
+def _choose_free_direction(columns: Sequence[ExactVector], tolerance: float) -> _Direction:
+    """Return the direction of the first of the parent's axes that is normal to the joint's own axis.
+
+    The old x axis, if there is none.
+    """
+    for axis in range(3):
+        if not columns[2][axis]:
+            return (columns[0][axis], columns[1][axis])
+        if abs(columns[2][axis].to_float()) <= tolerance:
+            return _approximate_direction(columns[0][axis], columns[1][axis], {})
+    return _KEPT

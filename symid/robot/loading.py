@@ -1,0 +1,400 @@
+"""A robot from the name or path of its file, in any format, with settings of a call put over the file's.
+
+A path, or a name in ./robots or among the robots that come with symid; texts such as
+("processing.filter_cutoff", "50") -> `Robot`, checked like the file itself. `complete_robot` adds what
+neither a URDF nor a table of rows says: friction, rotors, gears, torque constants.
+
+Supported: robot files (TOML), URDF, tables of Denavit-Hartenberg rows (CSV). Settings under `log`,
+`processing` and `controller`, and one friction model for all joints. To complete: one friction model of
+unknown values for all joints, rotors of unknown inertia, a gear and a torque constant for each joint that
+follows no other.
+Not supported: MJCF and xacro, which are written or refused, not read; settings of geometry, drives and link
+values, which belong into the file; values that contradict the source.
+"""
+
+import codecs
+import difflib
+import os
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+from symid.environment import locate_resource_folder
+from symid.errors import Notice, RobotError, UsageError
+from symid.notation import get_unit_factor
+from symid.robot.description import Drive, FrictionValues, Robot
+from symid.robot.toml_friction import FRICTION_PARAMETERS, FRICTION_SHAPES
+from symid.robot.toml_settings import (
+    list_controller,
+    list_log,
+    list_processing,
+    read_controller,
+    read_log,
+    read_processing,
+)
+from symid.robot.toml_values import InputReport, KeyPath, Place, Places, Section, suggest_names
+
+_SUFFIX = ".toml"
+_HEAD = 4096
+_URDF_SUFFIXES = (".urdf", ".xml", ".xacro")
+
+
+def _list_robot_folders() -> tuple[Path, ...]:
+    return (Path("robots"), locate_resource_folder("robots"))
+
+
+def is_urdf(path: Path) -> bool:
+    """Return whether a file is a URDF, or a xacro file, which is refused as such.
+
+    Its name says so, or its first letter: TOML never begins with <, and XML always does.
+    """
+    return path.suffix.lower() in _URDF_SUFFIXES or _begins_as_xml(path)
+
+
+def _begins_as_xml(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            head = file.read(_HEAD)
+    except (OSError, ValueError):
+        return False
+    return head.removeprefix(codecs.BOM_UTF8).lstrip().startswith(b"<")
+
+
+def list_robots() -> tuple[str, ...]:
+    """Return the names of all robots in ./robots and of those that come with symid, sorted."""
+    names = {
+        path.stem
+        for folder in _list_robot_folders()
+        if folder.is_dir()
+        for path in folder.glob(f"*{_SUFFIX}")
+    }
+    return tuple(sorted(names))
+
+
+def locate_robot_file(name_or_path: str) -> Path:
+    """Return the robot file at a path, or of a name in ./robots or among the installed robots.
+
+    Raises:
+        UsageError: there is none; the message has the nearest names.
+    """
+    path = Path(name_or_path)
+    if _is_file(path):
+        return path
+    if path.name == name_or_path:
+        stem = name_or_path.removesuffix(_SUFFIX)
+        for folder in _list_robot_folders():
+            candidate = folder / f"{stem}{_SUFFIX}"
+            if _is_file(candidate):
+                return candidate
+    raise UsageError(Notice(code="usage.unknown-robot", text=_explain_missing_file(path)))
+
+
+def _is_file(path: Path) -> bool:
+    # Path.is_file fails on names that are longer than a file system takes.
+    return os.path.isfile(path)  # noqa: PTH113
+
+
+def _explain_missing_file(path: Path) -> str:
+    if os.path.isdir(path):  # noqa: PTH112  the same
+        known = ", ".join(list_robots())
+        return f"'{path}' is a folder; give a robot file (.toml, .urdf) or a robot's name: {known}"
+    siblings = [str(other) for end in (_SUFFIX, ".urdf") for other in sorted(path.parent.glob(f"*{end}"))]
+    near = difflib.get_close_matches(str(path), siblings, n=3, cutoff=0.6)
+    if path.parent != Path():
+        hint = f"did you mean {' or '.join(near)}?" if near else "give the path of a .toml or .urdf file"
+        return f"there is no robot file '{path}'; {hint}"
+    names = list_robots()
+    near += difflib.get_close_matches(path.name.lower().removesuffix(_SUFFIX), names, n=3, cutoff=0.5)
+    hint = f"did you mean {' or '.join(near)}? " if near else ""
+    known = ", ".join(names)
+    return f"there is no robot '{path}'; {hint}known are {known}, or give the path of a .toml or .urdf file"
+
+
+_LONGEST_KEY = 3
+_TABLES = ("log", "processing", "controller")
+
+
+def override_robot(robot: Robot, settings: Sequence[tuple[str, str]], friction: str | None = None) -> Robot:
+    """Return `robot` with other settings.
+
+    Args:
+        robot: as read from its file.
+        settings: pairs of a dotted key below `log`, `processing` or `controller`, or "friction", and a
+            value as in TOML; a text needs no quotes, a list no brackets.
+        friction: the name of a friction model for all joints that follow no other. What the file knows
+            of the values is dropped wherever the model differs.
+
+    Raises:
+        UsageError: a key cannot be overridden, or there is no such friction model.
+        RobotError: the values do not fit; all of them are told at once.
+    """
+    kinds = [friction] if friction is not None else []
+    kinds += [value for key, value in settings if key == "friction"]
+    pairs = [(key, value) for key, value in settings if key != "friction"]
+    values: dict[str, Any] = {"log": list_log(robot.log), "processing": list_processing(robot.processing)}
+    if robot.controller is not None:
+        values["controller"] = list_controller(robot.controller)
+    places: dict[KeyPath, Place] = {}
+    for key, value in pairs:
+        path = _split_key(key)
+        _drop_stale_factor(values, path, value)
+        _set_value(values, path, _parse_setting(value))
+        _set_place(places, path, Place(f"--set {key}={value}", 0, 0, value))
+    if pairs:
+        robot = _read_again(robot, values, places)
+    for kind in kinds:
+        robot = _replace_friction(robot, kind)
+    return robot
+
+
+def _read_again(robot: Robot, values: Mapping[str, Any], places: Mapping[KeyPath, Place]) -> Robot:
+    report = InputReport(Places(keys=places, values=places, whole=Place("--set", 0, 0)))
+    root = Section(values=values, path=(), report=report)
+    log = read_log(root, robot.axes) if values["log"] else robot.log
+    processing, controller = read_processing(root), read_controller(root, robot.axes)
+    changed = replace(robot, log=log, processing=processing, controller=controller)
+    if report.errors:
+        raise RobotError(*report.notices())
+    return changed
+
+
+def _split_key(key: str) -> tuple[str, ...]:
+    path = tuple(key.split("."))
+    if path[0] not in _TABLES or not 1 < len(path) <= _LONGEST_KEY or not all(path):
+        hint = suggest_names(path[0], (*_TABLES, "friction"))
+        text = (
+            f"'{key}' cannot be set here; {hint + ' ' if hint else ''}allowed are friction, processing.KEY, "
+            "controller.KEY and log.QUANTITY.KEY, such as processing.filter_cutoff=50; all else belongs into "
+            "the robot file"
+        )
+        raise UsageError(Notice(code="usage.bad-setting", text=text, file=f"--set {key}"))
+    return path
+
+
+def _parse_setting(text: str) -> object:
+    """Return the value that `text` writes in TOML, or else the text itself, or a list of texts."""
+    try:
+        values = tomllib.loads(f"value = {text}", parse_float=Decimal)
+    except tomllib.TOMLDecodeError:
+        parts = [part.strip() for part in text.split(",")]
+        return [_parse_setting(part) for part in parts] if len(parts) > 1 else text
+    return values["value"] if len(values) == 1 else text
+
+
+def _set_value(values: dict[str, Any], path: tuple[str, ...], value: object) -> None:
+    table = values
+    for name in path[:-1]:
+        inner = table.setdefault(name, {})
+        if not isinstance(inner, dict):
+            inner = table[name] = {}
+        table = inner
+    table[path[-1]] = value
+
+
+def _set_place(places: dict[KeyPath, Place], path: tuple[str, ...], place: Place) -> None:
+    """Give the setting's place to its key, and to the tables around it that have none yet."""
+    for length in range(1, len(path)):
+        places.setdefault(path[:length], place)
+    places[path] = place
+
+
+def _drop_stale_factor(values: dict[str, Any], path: tuple[str, ...], value: str) -> None:
+    """Forget a factor when the unit that it belongs to gives way to one of another dimension."""
+    if path[0] != "log" or path[2:] != ("unit",):
+        return
+    quantity = values["log"].get(path[1], {})
+    try:
+        before = get_unit_factor(quantity["unit"])[0]
+        after = get_unit_factor(str(_parse_setting(value)))[0]
+    except (KeyError, TypeError):
+        return
+    if before != after:
+        quantity.pop("factor", None)
+
+
+def _replace_friction(robot: Robot, name: str) -> Robot:
+    kinds = {kind.value: kind for kind in FRICTION_PARAMETERS}
+    if name not in kinds:
+        hint = suggest_names(name, kinds) or f"allowed are {', '.join(kinds)}"
+        text = f"there is no friction model '{name}'; {hint}"
+        raise UsageError(Notice(code="usage.unknown-friction", text=text))
+    kind = kinds[name]
+    lacking = [joint.name for joint in robot.axes if joint.friction.kind is not kind]
+    if kind in FRICTION_SHAPES and lacking:
+        shape = ", ".join(key.name for key in FRICTION_SHAPES[kind])
+        text = (
+            f"the friction model '{name}' needs {shape} of joint {lacking[0]!r}, which no option gives; "
+            "write it into the robot file"
+        )
+        raise UsageError(Notice(code="usage.friction-shape", text=text))
+    joints = tuple(
+        joint
+        if joint.friction.kind is kind or joint.mimic is not None
+        else replace(joint, friction=FrictionValues(kind=kind))
+        for joint in robot.joints
+    )
+    return replace(robot, joints=joints)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Completion:
+    """What is added to a robot.
+
+    Args:
+        friction: the name of a model for all joints, None to leave them.
+        rotors: whether every drive gets a rotor of unknown inertia, where none is stated.
+        gears: motor turns per joint turn, one for each joint or one for all; none to leave them.
+        constants: N m/A on the motor's side, likewise.
+    """
+
+    friction: str | None = None
+    rotors: bool = False
+    gears: tuple[float, ...] = ()
+    constants: tuple[float, ...] = ()
+
+
+def complete_robot(robot: Robot, added: Completion) -> Robot:
+    """Return `robot` with what is added.
+
+    Raises:
+        UsageError: numbers for more or fewer joints than there are, or a gear that the source contradicts.
+    """
+    texts = list(_list_completion_mistakes(robot, added))
+    if texts:
+        raise UsageError(*(Notice(code="usage.completion", text=text) for text in texts))
+    drives = {
+        joint.name: _complete_drive(joint.drive, added, index) for index, joint in enumerate(robot.axes)
+    }
+    joints = tuple(replace(joint, drive=drives.get(joint.name, joint.drive)) for joint in robot.joints)
+    completed = replace(robot, joints=joints)
+    return override_robot(completed, (), added.friction) if added.friction else completed
+
+
+def _list_completion_mistakes(robot: Robot, added: Completion) -> Iterator[str]:
+    names = ", ".join(joint.name for joint in robot.axes)
+    given: Mapping[str, tuple[float, ...]] = {"--gear": added.gears, "--torque-constant": added.constants}
+    for option, values in given.items():
+        if len(values) not in (0, 1, robot.freedom):
+            text = f"{option}: {len(values)} numbers for {robot.freedom} joints ({names})"
+            yield f"{text}; give one for each, with commas between, or one for all"
+    for index, joint in enumerate(robot.axes):
+        gear = _get_joint_value(added.gears, index)
+        if gear is not None and joint.drive.gear not in (1.0, gear):
+            text = (
+                f"--gear: joint {joint.name!r} has the gear {joint.drive.gear:g} in its source, not {gear:g}"
+            )
+            yield f"{text}; leave the option out, or correct the source"
+        elif gear not in (None, joint.drive.gear) and joint.drive.rotor_inertia is not None:
+            text = f"--gear: joint {joint.name!r} has a rotor inertia in its source, but no gear"
+            yield f"{text}; state the gear in the source"
+
+
+def _get_joint_value(values: tuple[float, ...], index: int) -> float | None:
+    """Return the value of a joint, None where there is none or too few."""
+    if len(values) == 1:
+        return values[0]
+    return values[index] if index < len(values) else None
+
+
+def _complete_drive(drive: Drive, added: Completion, index: int) -> Drive:
+    gear, constant = _get_joint_value(added.gears, index), _get_joint_value(added.constants, index)
+    return replace(
+        drive,
+        gear=drive.gear if gear is None else gear,
+        torque_constant=drive.torque_constant if constant is None else constant,
+        has_rotor=drive.has_rotor or added.rotors,
+    )
+
+
+DEFAULT_GRAVITY = ("0", "0", "-9.81")
+"""Gravity in m/s^2 in the base frame of a table of rows, where nothing else is stated."""
+_TABLE = ".csv"
+
+
+def load_robot(
+    name: str,
+    settings: Sequence[tuple[str, str]] = (),
+    friction: str | None = None,
+    *,
+    base: str | None = None,
+    tip: str | None = None,
+    snap: float | None = None,
+    convention: str | None = None,
+    gravity: tuple[str, str, str] | None = None,
+) -> Robot:
+    """Return the robot of a name or path, with other settings in place of the file's.
+
+    Args:
+        name: a name, or the path of a TOML, URDF or CSV file.
+        settings: keys and values.
+        friction: the friction model of all joints.
+        base: the link of a URDF to start from.
+        tip: the link of a URDF to end at.
+        snap: angle in rad within which rotations of a URDF become multiples of pi/2.
+        convention: of a table of rows, "modified" or "standard"; it is never guessed.
+        gravity: of a table of rows, in the base frame, m/s^2.
+
+    Raises:
+        UsageError: there is no such robot, a setting cannot be made here, or an option does not fit the file.
+        RobotError: the file is wrong.
+    """
+    path = locate_robot_file(name)
+    table = path.suffix.lower() == _TABLE
+    _refuse_of_table(path, table=table, convention=convention, gravity=gravity)
+    if not table and is_urdf(path):
+        from symid.robot.urdf_reader import DEFAULT_SNAP, read_urdf
+
+        robot = read_urdf(path, base=base, tip=tip, snap=DEFAULT_SNAP if snap is None else snap)
+    else:
+        _refuse_cut(path, base=base, tip=tip, snap=snap)
+        robot = _read_plain(path, convention, gravity)
+    return override_settings(robot, settings, friction)
+
+
+def _read_plain(path: Path, convention: str | None, gravity: tuple[str, str, str] | None) -> Robot:
+    if convention is not None:
+        from symid.robot.dh_table import read_dh_table
+
+        return read_dh_table(path, convention, gravity or DEFAULT_GRAVITY)
+    from symid.robot.toml_reader import read_robot
+
+    return read_robot(path)
+
+
+def _refuse_of_table(path: Path, *, table: bool, convention: str | None, gravity: object) -> None:
+    """Refuse a table of rows without its convention, and what only such a table has for another file."""
+    text = ""
+    if table and convention is None:
+        text = "a table of Denavit-Hartenberg rows: say which they are, convention 'modified' or 'standard'"
+    elif not table and (convention is not None or gravity is not None):
+        text = "convention and gravity belong to a table of Denavit-Hartenberg rows (.csv); leave them out"
+    if text:
+        raise UsageError(Notice(code="usage.convention", text=text, file=str(path)))
+
+
+def _refuse_cut(path: Path, **options: object) -> None:
+    for option, value in options.items():
+        if value is not None:
+            what = "rounded" if option == "snap" else "cut at its links"
+            remedy = "write the angles exactly" if option == "snap" else "leave the joints out of the file"
+            text = f"--{option} {value}: only a URDF is {what}; leave the option out, or {remedy}"
+            raise UsageError(Notice(code="usage.no-urdf", text=text, file=str(path)))
+
+
+def override_settings(
+    robot: Robot, settings: Sequence[tuple[str, str]], friction: str | None = None
+) -> Robot:
+    """Return `robot` with other settings; what is wrong with one is wrong with the call, not the file.
+
+    Raises:
+        UsageError: a setting cannot be made here, or its value does not fit.
+    """
+    if not settings and not friction:
+        return robot
+    try:
+        return override_robot(robot, settings, friction)
+    except RobotError as error:
+        raise UsageError(*error.notices) from error

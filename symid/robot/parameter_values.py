@@ -1,0 +1,249 @@
+"""Values of a robot's parameters, vector by vector, as JSON and as a C header for its generated library.
+
+Names, values, units -> `RobotValues`, in the order of the arguments of generated functions. JSON is an
+object of plain types, SI units, format 1, links in the frames of the URDF that symid writes:
+
+    format, version, robot, signature
+    vectors: {"beta": [{name, value, unit, expression, identified, std}], "f": ..., "IA": ..., "h": ...}
+    gravity: [x, y, z]
+    links: [{joint, kind, parent, mass, com, inertia {xx xy xz yy yz zz about com}, standard {XX ... M}}]
+    drives: [{name, gear, rotor_inertia, friction {model, values {}, shape {}, smoothing}}], couplings last
+
+The header has an array for each vector, such as `symid_arm_beta`, and for each entry its place in it, such
+as `SYMID_ARM_BETA_ZZR1`. Where the library's header is included before, the compiler checks that both have
+as many parameters; `SYMID_ARM_VALUES_SIGNATURE` is that of the model, as the library's own function says
+it.
+
+Supported: base parameters, friction, rotors of elastic joints, springs; double and single precision, C99
+and C++. A value that nobody knows is None, null in JSON, and 0 with a comment in C.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from symid.notation import INERTIAL
+from symid.robot.description import FrictionValues, Joint, Robot
+from symid.robot.inertia import move_parameters
+from symid.robot.toml_friction import FRICTION_PARAMETERS, FRICTION_SHAPES
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ValueRow:
+    """A parameter: its value in SI units, what it groups, and where it was identified as what, how surely."""
+
+    name: str
+    value: float | None
+    unit: str
+    expression: str = ""
+    identified: float | None = None
+    std: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ValueVector:
+    """One argument of generated functions: its name there, in words what it is, its entries in order."""
+
+    name: str
+    title: str
+    rows: tuple[ValueRow, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotValues:
+    """All vectors of a robot, `signature` that of its model, `prefix` how names of its C library begin."""
+
+    robot: str
+    prefix: str
+    signature: str
+    vectors: tuple[ValueVector, ...]
+
+
+FORMAT = "symid values"
+VERSION = 1
+_TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")
+
+
+def build_json_values(
+    robot: Robot, values: RobotValues, *, outcome: str, sources: Sequence[str] = ()
+) -> dict[str, object]:
+    """Return the object.
+
+    Args:
+        robot: with values of links and drives.
+        values: the same as vectors.
+        outcome: how the values were found, in one word.
+        sources: the logs they come from.
+    """
+    symbols = dict(robot.symbols)
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "robot": robot.name,
+        "signature": values.signature,
+        "outcome": outcome,
+        "sources": list(sources),
+        "gravity": [value.to_float(symbols) for value in robot.gravity],
+        "vectors": {vector.name: _list_rows(vector) for vector in values.vectors if vector.rows},
+        "links": [_describe_link(robot, joint) for joint in robot.joints],
+        "drives": [
+            *(
+                {
+                    "name": joint.name,
+                    "gear": joint.drive.gear,
+                    "rotor_inertia": joint.drive.rotor_inertia,
+                    "friction": _describe_friction(joint.friction),
+                }
+                for joint in robot.joints
+            ),
+            *(
+                {
+                    "name": coupling.name,
+                    "turns_with": {
+                        robot.joints[index].name: float(factor) for index, factor in coupling.terms
+                    },
+                    "rotor_inertia": coupling.rotor_inertia,
+                    "friction": _describe_friction(coupling.friction),
+                }
+                for coupling in robot.couplings
+            ),
+        ],
+    }
+
+
+def _list_rows(vector: ValueVector) -> list[dict[str, object]]:
+    return [
+        {
+            "name": row.name,
+            "value": row.value,
+            "unit": row.unit,
+            "expression": row.expression,
+            "identified": row.identified,
+            "std": row.std,
+        }
+        for row in vector.rows
+    ]
+
+
+def _describe_link(robot: Robot, joint: Joint) -> dict[str, object]:
+    found: dict[str, object] = {
+        "joint": joint.name,
+        "kind": joint.kind.value,
+        "parent": robot.joints[joint.parent].name if joint.parent >= 0 else None,
+    }
+    if joint.inertial is None:
+        return {**found, "mass": None, "com": None, "inertia": None, "standard": None}
+    mass = joint.inertial[9]
+    com = [entry / mass for entry in joint.inertial[6:9]] if mass else [0.0, 0.0, 0.0]
+    central = move_parameters(joint.inertial, np.eye(3), -np.array(com))[:6]
+    return {
+        **found,
+        "mass": mass,
+        "com": com,
+        "inertia": dict(zip(_TENSOR, central, strict=True)),
+        "standard": dict(zip(INERTIAL, joint.inertial, strict=True)),
+    }
+
+
+def _describe_friction(friction: FrictionValues) -> dict[str, object]:
+    names = FRICTION_PARAMETERS[friction.kind]
+    shapes = [key.name for key in FRICTION_SHAPES.get(friction.kind, ())]
+    return {
+        "model": friction.kind.value,
+        "values": dict(zip(names, friction.values or (None,) * len(names), strict=True)),
+        "shape": dict(zip(shapes, friction.shape, strict=True)),
+        "smoothing": friction.smoothing,
+    }
+
+
+PRECISIONS = ("double", "float")
+"""Types of numbers that the generated library may have."""
+
+# What the library calls the lengths of vectors.
+_LENGTHS = {"beta": "BETA", "f": "FRICTION"}
+_SAME = 1e-12
+
+
+def write_c_values(values: RobotValues, *, comments: Sequence[str] = (), precision: str = "double") -> str:
+    """Return the header.
+
+    Args:
+        values: the robot's.
+        comments: texts for the head of the file, fit for C comments.
+        precision: one of `PRECISIONS`.
+    """
+    prefix, macro = values.prefix, values.prefix.upper()
+    vectors = [vector for vector in values.vectors if vector.rows]
+    lines = [
+        "/**",
+        f" * @file {prefix}_values.h",
+        f" * @brief Parameters of {values.robot}, SI units, for the library {prefix}.",
+        *(f" * {text}" for text in ("", *comments)),
+        " */",
+        f"#ifndef {macro}_VALUES_H",
+        f"#define {macro}_VALUES_H",
+        "",
+        f"/** The model that these numbers belong to: {prefix}_signature() must be the same. */",
+        f'#define {macro}_VALUES_SIGNATURE "{values.signature}"',
+        *_write_check(prefix, vectors),
+    ]
+    for vector in vectors:
+        lines += ["", *_write_vector(prefix, vector, precision)]
+    return "\n".join((*[line.rstrip() for line in lines], "", "#endif", ""))
+
+
+def _write_check(prefix: str, vectors: Sequence[ValueVector]) -> Iterator[str]:
+    macro = prefix.upper()
+    sizes = {name: len(vector.rows) for vector in vectors for name in [_LENGTHS.get(vector.name)] if name}
+    if not sizes:
+        return
+    terms = " && ".join(f"{macro}_{name} == {size}" for name, size in sizes.items())
+    yield from (
+        "",
+        f"#ifdef {macro}_H",
+        "/* This does not compile where the library has other parameters. */",
+    )
+    yield f"typedef char {prefix}_values_fit[({terms}) ? 1 : -1];"
+    yield "#endif"
+
+
+def _write_vector(prefix: str, vector: ValueVector, precision: str) -> Iterator[str]:
+    places = _name_places(vector.rows)
+    base = f"{prefix.upper()}_{_to_identifier(vector.name).upper()}"
+    yield from (f"#define {base}_{place} {index}" for index, place in enumerate(places))
+    yield from ("", f"/** {vector.title}. */")
+    yield f"static const {precision} {prefix}_{_to_identifier(vector.name)}[{len(vector.rows)}] = {{"
+    texts = [_write_number(row.value, precision) for row in vector.rows]
+    width = max(map(len, texts)) + 1
+    for index, (row, text) in enumerate(zip(vector.rows, texts, strict=True)):
+        yield f"    {text + ',':<{width}} /* [{index}] {_describe(row)} */"
+    yield "};"
+
+
+def _to_identifier(name: str) -> str:
+    return re.sub(r"\W", "_", name, flags=re.ASCII)
+
+
+def _name_places(rows: Sequence[ValueRow]) -> list[str]:
+    """Return a part of an identifier for each row, with its place where names would be the same."""
+    names = [_to_identifier(row.name) for row in rows]
+    return [name if names.count(name) == 1 else f"{name}_{index}" for index, name in enumerate(names)]
+
+
+def _write_number(value: float | None, precision: str) -> str:
+    return repr(float(value or 0.0) + 0.0) + ("F" if precision == "float" else "")
+
+
+def _describe(row: ValueRow) -> str:
+    text = row.name if row.expression in ("", row.name) else f"{row.name} = {row.expression}"
+    text += f", {row.unit}"
+    if row.value is None:
+        return f"{text}; unknown, so that it is left at 0"
+    if row.identified is not None and abs(row.identified - row.value) > _SAME * abs(row.value):
+        text += f"; identified as {row.identified:.9g}"
+    if row.std is not None:
+        percent = f" ({100 * row.std / abs(row.value):.2g} %)" if row.value else ""
+        text += f"; std {row.std:.3g}{percent}"
+    return text

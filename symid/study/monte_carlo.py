@@ -1,0 +1,184 @@
+"""Monte Carlo runs: independent tasks in worker processes, and statistics over their results.
+
+Tasks -> results in the order of the tasks; one number a run -> `Spread`, `PairedDifference`.
+
+Each task carries its own seed, and every worker has one thread for its linear algebra, even where it is the
+only one: results are the same to the last bit for any number of processes and of cores.
+
+Supported: functions that can be pickled; any number of processes on this machine; an error of a task, or an
+interruption, ends all. Runs without a result (nan) count as worse than all others.
+Not supported: tasks that depend on each other; runs of unequal weight; a script that calls this while it is
+imported.
+"""
+
+import math
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from scipy.special import stdtrit
+
+from symid.arrays import FloatArray
+from symid.environment import THREAD_VARIABLES, limit_to_one_thread
+from symid.errors import Notice, SolverError, UsageError
+
+A = TypeVar("A")
+B = TypeVar("B")
+
+
+def count_jobs(jobs: int | None) -> int:
+    """Return the number of processes: as asked for, or one a core that this process may use.
+
+    Raises:
+        UsageError: it is not positive.
+    """
+    if jobs is None:
+        return max(
+            1, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        )
+    if jobs < 1:
+        text = f"jobs must be 1 or more, got {jobs}"
+        raise UsageError(Notice(code="usage.jobs", text=text))
+    return jobs
+
+
+def run_tasks(
+    function: Callable[[A], B],
+    tasks: Sequence[A],
+    *,
+    jobs: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[B, ...]:
+    """Return function(task) of every task, in the order of `tasks`.
+
+    Args:
+        function: of a module, so that other processes find it.
+        tasks: arguments, each can be pickled.
+        jobs: processes; None for one a core.
+        progress: told how many tasks are done, of how many.
+
+    Raises:
+        UsageError: jobs is not positive.
+        SolverError: something outside ended a worker.
+    """
+    count = min(count_jobs(jobs), len(tasks))
+    results: list[B] = []
+    if not tasks:
+        return ()
+    # A process that is forked from one with threads may hang; a fresh one costs half a second.
+    context = multiprocessing.get_context("spawn")
+    others = set(multiprocessing.active_children())
+    with ProcessPoolExecutor(max_workers=count, mp_context=context, initializer=_end_quietly) as pool:
+        try:
+            # A worker may load NumPy before it comes to any line of ours, with the caller's own script: the
+            # threads must be in the environment that it is born with. All start here.
+            with _one_thread():
+                waiting = [pool.submit(function, task) for task in tasks]
+            for future in waiting:
+                results.append(future.result())
+                if progress is not None:
+                    progress(len(results), len(tasks))
+        except BaseException as error:
+            # The pool would wait for what runs.
+            for worker in set(multiprocessing.active_children()) - others:
+                worker.terminate()
+            if isinstance(error, BrokenProcessPool):
+                raise SolverError(_describe_lost_worker(len(results), len(tasks))) from error
+            raise
+    return tuple(results)
+
+
+def _describe_lost_worker(done: int, whole: int) -> Notice:
+    text = (
+        f"a worker process was ended from outside after {done} of {whole} tasks, as a system does that runs "
+        "out of memory: try again with fewer jobs"
+    )
+    return Notice(code="solver.worker-lost", text=text)
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Ask for one thread in processes that are started meanwhile."""
+    before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
+    limit_to_one_thread()
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def _end_quietly() -> None:
+    """Let Ctrl-C, which the terminal sends to all processes, end a worker without a traceback of its own."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spread:
+    """Median and 90th percentile of `runs` runs, `failed` of them without a result."""
+
+    median: float
+    percentile90: float
+    runs: int
+    failed: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PairedDifference:
+    """The mean of differences between two figures of the same runs, with its 95 % interval (Student)."""
+
+    mean: float
+    low: float
+    high: float
+    runs: int
+
+    @property
+    def verdict(self) -> str:
+        """Return what the interval says: below, above or not different from zero."""
+        if self.high < 0.0:
+            return "lower"
+        return "higher" if self.low > 0.0 else "no difference"
+
+
+def compute_spread(values: FloatArray) -> Spread:
+    """Return median and 90th percentile of `values` (runs,); nan counts as infinite."""
+    array = np.asarray(values, dtype=np.float64)
+    failed = int(np.isnan(array).sum())
+    ordered = np.sort(np.where(np.isnan(array), math.inf, array))
+    return Spread(
+        median=_interpolate_percentile(ordered, 0.5),
+        percentile90=_interpolate_percentile(ordered, 0.9),
+        runs=len(array),
+        failed=failed,
+    )
+
+
+def _interpolate_percentile(ordered: FloatArray, share: float) -> float:
+    """Return a percentile by linear interpolation, infinite where one of its neighbours is."""
+    place = share * (len(ordered) - 1)
+    low, high = ordered[math.floor(place)], ordered[math.ceil(place)]
+    part = place - math.floor(place)
+    return float(low if not part or low == high else (1.0 - part) * low + part * high)
+
+
+def compute_paired_difference(
+    first: FloatArray, second: FloatArray, confidence: float = 0.95
+) -> PairedDifference:
+    """Return the mean of first - second (runs,) each, with Student's interval."""
+    difference = np.asarray(first, dtype=np.float64) - np.asarray(second, dtype=np.float64)
+    runs = len(difference)
+    mean = float(difference.mean())
+    if runs < 2:
+        return PairedDifference(mean=mean, low=-math.inf, high=math.inf, runs=runs)
+    half = float(stdtrit(runs - 1, 0.5 + confidence / 2.0) * difference.std(ddof=1) / math.sqrt(runs))
+    return PairedDifference(mean=mean, low=mean - half, high=mean + half, runs=runs)

@@ -1,0 +1,435 @@
+"""Methods for rigid robots: how near they come to the Cramer-Rao bound, and what the cut-off frequency does.
+
+Robot, seeds -> `PrecisionStudy`; library, recording, processing -> `CutoffStudy`.
+
+Precision:
+
+    ratio_k = sqrt(mean over seeds of (x_k - truth_k)^2) / bound_k
+    coverage = part of all |x_k - truth_k| <= 1.96 of the deviation stated
+
+The truth is what the robot file states, or bodies drawn once: clouds of points about the links, lighter
+towards the tip. The excitations are random Fourier series within the robot's limits; their states are exact.
+Noise of the torque is white, of one standard deviation a joint, a part of the root mean square of its torque.
+The equations do not change from seed to seed, only the noise does: rows are condensed once, and the values'
+column of every triangle is made anew, with F' F the rows' own and F' (values) from A' y.
+
+Cut-off: for every cut-off frequency of the position filter the parameters are fitted (WLS) to the first 60 %
+of the log, and predict the torque of the rest: mean over joints of |tau - tau_hat| / |tau|, both low-passed
+alike. The states of the predicted part pass the log's own filter throughout, so that only the fit differs.
+
+Supported: rigid robots; WLS on torque rows, decimated or not, and on momentum rows; the physically consistent
+fit; cut-offs below 0.45 of the sample rate.
+Not supported: noise of the states; a choice of the cut-off by the result, which would use up the data that
+judge it.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from symid.arrays import FloatArray, freeze
+from symid.codegen import Library
+from symid.errors import IdentifiabilityError
+from symid.excitation import FourierOptions, build_random_fourier
+from symid.identification.diagnostics import compute_band_residual, predict_torques
+from symid.identification.estimators import (
+    Bodies,
+    CondensedFit,
+    build_bodies,
+    fit_condensed,
+    solve_consistent,
+)
+from symid.identification.regression import (
+    Condensed,
+    Rows,
+    build_rows,
+    choose_filters,
+    choose_window,
+    choose_windows,
+    compute_spectrum,
+    compute_square_sums,
+    condense_rows,
+    integrate_windows,
+    stack_condensed,
+    stack_rows,
+)
+from symid.identification.rigid import identify_parameters
+from symid.logs import Recording, Signals
+from symid.robot import Decimation, Processing, Robot
+from symid.study.monte_carlo import run_tasks
+
+EXCITATIONS = 5
+DURATION = 10.0
+"""Of each, in s; five harmonics of its inverse."""
+NOISE = 0.01
+"""Standard deviation of the noise over the root mean square of the joint's torque."""
+_PERIOD = 2e-3
+_WINDOW = 0.05
+_POINTS = 12
+_HEAVY = 4.0
+"""Mass of the first link in kg where the robot file states none."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PrecisionScene:
+    """Equations without noise.
+
+    Args:
+        rows: by kind, "torque" and "momentum", of all excitations.
+        truth: (p,) parameters; bodies: behind them.
+        deviations: (n,) of the torque's noise; bound: (p,) Cramer-Rao deviations from all samples.
+        samples: of one excitation; period: s; window: s, of momentum rows.
+    """
+
+    rows: dict[str, Rows]
+    truth: FloatArray
+    bodies: Bodies
+    deviations: FloatArray
+    bound: FloatArray
+    samples: int
+    period: float
+    window: float
+
+
+def build_precision_scene(robot: Robot, library: Library) -> PrecisionScene:
+    """Return the scene; the same robot gives the same numbers."""
+    bodies = build_bodies(robot)
+    truth = _get_truth(library, bodies)
+    time = freeze(_PERIOD * np.arange(round(DURATION / _PERIOD) + 1))
+    plain = Processing()
+    parts: dict[str, list[Rows]] = {"torque": [], "momentum": []}
+    for seed in range(EXCITATIONS):
+        options = FourierOptions(duration=DURATION, base_frequency=1.0 / DURATION, ramp=0.0)
+        trajectory = build_random_fourier(robot, np.random.default_rng(seed), options)
+        q, dq, ddq = trajectory.evaluate(time)
+        still = Signals(time=time, q=q, dq=dq, ddq=ddq, tau=np.zeros_like(q), period=_PERIOD)
+        for kind, found in parts.items():
+            found.append(build_rows(kind, library, still, plain, window=_WINDOW))
+    rows = {kind: stack_rows(found) for kind, found in parts.items()}
+    torque = rows["torque"].matrix @ truth
+    groups = [rows["torque"].group == joint for joint in range(library.card.size)]
+    deviations = np.array([NOISE * np.sqrt(np.mean(torque[members] ** 2)) for members in groups])
+    return PrecisionScene(
+        rows=rows,
+        truth=truth,
+        bodies=bodies,
+        deviations=deviations,
+        bound=_compute_bound(rows["torque"], deviations),
+        samples=len(time),
+        period=_PERIOD,
+        window=_WINDOW,
+    )
+
+
+def _compute_bound(rows: Rows, deviations: FloatArray) -> FloatArray:
+    """Return the roots of the diagonal of (A' S^-1 A)^-1."""
+    triangle = np.linalg.qr(rows.matrix / deviations[rows.group][:, None], mode="r")
+    bound: FloatArray = np.linalg.norm(np.linalg.inv(triangle), axis=1)
+    return bound
+
+
+def _get_truth(library: Library, bodies: Bodies) -> FloatArray:
+    stated = [entry.value for entry in (*library.card.beta, *library.card.friction)]
+    known = [value for value in stated if value is not None]
+    if len(known) == len(stated):
+        return np.array(known)
+    pi = _draw_bodies(bodies.stated)
+    values: FloatArray = np.einsum("pnk,nk->p", bodies.links, pi)
+    # Rotors as heavy as a tenth of a first link's; friction of one in its unit; no offsets.
+    values = values + bodies.positive @ np.full(bodies.positive.shape[1], 0.1)
+    return values + bodies.bounded @ np.ones(bodies.bounded.shape[1])
+
+
+def _draw_bodies(expected: FloatArray) -> FloatArray:
+    """Return standard parameters (n, 10) of clouds of points about expected bodies of any mass."""
+    from symid.dynamics import build_pseudo_inertias, compute_standard_parameters
+
+    rng = np.random.default_rng(0)
+    count, bodies = len(expected), []
+    for index, body in enumerate(build_pseudo_inertias(expected)):
+        shape = body / body[3, 3]
+        centre = shape[:3, 3]
+        root = np.linalg.cholesky(shape[:3, :3] - np.outer(centre, centre))
+        points = centre + rng.normal(size=(_POINTS, 3)) @ root.T
+        extended = np.column_stack([points, np.ones(_POINTS)])
+        mass = _HEAVY * (count - index) / count
+        bodies.append(mass / _POINTS * extended.T @ extended)
+    return compute_standard_parameters(np.array(bodies))
+
+
+_SEEDS_PER_TASK = 20
+_NORMAL_95 = 1.959963984540054
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PrecisionMethod:
+    """One method over all seeds.
+
+    Args:
+        method: its name.
+        ratios: root-mean-square error over the bound, of every parameter.
+        mean_ratio, worst_ratio: of these; worst: the parameter of the latter.
+        coverage_percent: of intervals stated to hold 95 %.
+        worst_price_percent: what the fit adds to the residual of the best one, at most.
+        least_eigenvalue: smallest one of all pseudo-inertias of all seeds, SI; None where none were sought.
+    """
+
+    method: str
+    ratios: tuple[float, ...]
+    mean_ratio: float
+    worst_ratio: float
+    worst: str
+    coverage_percent: float
+    worst_price_percent: float = 0.0
+    least_eigenvalue: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PrecisionStudy:
+    """All methods; `condition` of the column-scaled regressor, `bound` the least deviations of `names`."""
+
+    robot: str
+    seeds: int
+    samples: int
+    condition: float
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    truth: tuple[float, ...]
+    bound: tuple[float, ...]
+    methods: tuple[PrecisionMethod, ...]
+
+
+class _SeedErrors(NamedTuple):
+    """Errors (p,), deviations stated (p,), price in percent, least eigenvalue."""
+
+    errors: FloatArray
+    deviations: FloatArray
+    price: float
+    eigenvalue: float
+
+
+@lru_cache(maxsize=1)
+def _load_scene(robot: Robot, backend: str) -> PrecisionScene:
+    from symid.codegen import prepare_library
+
+    return build_precision_scene(robot, prepare_library(robot, backend=backend))
+
+
+def study_precision(
+    robot: Robot,
+    seeds: Sequence[int],
+    *,
+    backend: str = "auto",
+    jobs: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> PrecisionStudy:
+    """Return errors of all methods against the bound; the same for any number of processes.
+
+    Args:
+        robot: to be identified.
+        seeds: of the noise.
+        backend: what computes its functions; see `prepare_library`.
+        jobs: processes; None for one a core.
+        progress: told how many tasks are done, of how many.
+    """
+    tasks = [
+        (robot, backend, tuple(seeds[start : start + _SEEDS_PER_TASK]))
+        for start in range(0, len(seeds), _SEEDS_PER_TASK)
+    ]
+    found = [draw for part in run_tasks(fit_seeds, tasks, jobs=jobs, progress=progress) for draw in part]
+    scene = _load_scene(robot, backend)
+    rows = scene.rows["torque"]
+    spectrum = compute_spectrum(condense_rows(rows).factors[:, :, :-1].reshape(-1, len(rows.names))).singular
+    return PrecisionStudy(
+        robot=robot.name,
+        seeds=len(seeds),
+        samples=scene.samples,
+        condition=float(spectrum[0] / spectrum[-1]),
+        names=rows.names,
+        units=rows.units,
+        truth=tuple(scene.truth.tolist()),
+        bound=tuple(scene.bound.tolist()),
+        methods=tuple(_summarise(scene, name, [draws[name] for draws in found]) for name in found[0]),
+    )
+
+
+def fit_seeds(task: tuple[Robot, str, tuple[int, ...]]) -> list[dict[str, _SeedErrors]]:
+    """Return what every method finds under the noise of every seed."""
+    robot, backend, seeds = task
+    scene = _load_scene(robot, backend)
+    return [_fit_seed(scene, seed) for seed in seeds]
+
+
+def _fit_seed(scene: PrecisionScene, seed: int) -> dict[str, _SeedErrors]:
+    rng = np.random.default_rng(seed)
+    excitations = int(scene.rows["torque"].run.max()) + 1
+    shape = (excitations, scene.samples, len(scene.deviations))
+    noise = rng.normal(size=shape) * scene.deviations
+    torque = _condense_with_noise(scene, "torque", noise.transpose(2, 0, 1).ravel())
+    windows = choose_windows(scene.samples, scene.period, scene.window)
+    integrals = np.stack([integrate_windows(part, windows) for part in noise])
+    momentum = _condense_with_noise(scene, "momentum", integrals.transpose(2, 0, 1).ravel())
+    weighted = fit_condensed(torque, np.eye(len(scene.truth)))
+    return {
+        "wls": _compute_errors(scene, weighted),
+        "momentum": _compute_errors(scene, fit_condensed(momentum, np.eye(len(scene.truth)))),
+        "consistent": _fit_consistent(scene, torque, weighted),
+    }
+
+
+def _condense_with_noise(scene: PrecisionScene, kind: str, noise: FloatArray) -> Condensed:
+    """Return the triangles of the equations with noise (m,) on their values.
+
+    With F' F = A' A a column c = F x + F'^-1 A' noise has the right products with the others, and what is
+    left of the noise stands below it.
+    """
+    rows = scene.rows[kind]
+    plain = condense_rows(rows)
+    factors = np.zeros_like(plain.factors)
+    for group, factor in enumerate(plain.factors):
+        members = rows.group == group
+        part, matrix = noise[members], rows.matrix[members]
+        live = np.flatnonzero(factor[:, :-1].any(axis=0))
+        triangle = np.asarray(np.linalg.qr(factor[:, live], mode="r"), dtype=np.float64)
+        inner = np.linalg.lstsq(triangle.T, matrix[:, live].T @ part, rcond=None)[0]
+        size = len(inner)
+        factors[group, :size, live] = triangle.T
+        factors[group, :size, -1] = triangle @ scene.truth[live] + inner
+        factors[group, size, -1] = np.sqrt(max(float(part @ part - inner @ inner), 0.0))
+    return Condensed(factors=factors, counts=plain.counts, independent=plain.independent)
+
+
+def _compute_errors(scene: PrecisionScene, fit: CondensedFit) -> _SeedErrors:
+    return _SeedErrors(fit.values - scene.truth, np.sqrt(np.diag(fit.covariance)), 0.0, np.inf)
+
+
+def _fit_consistent(scene: PrecisionScene, torque: Condensed, weighted: CondensedFit) -> _SeedErrors:
+    triangle = stack_condensed(torque, weighted.weights) / np.sqrt(weighted.variance)
+    found = solve_consistent(triangle, weighted.values, scene.bodies)
+    whole = float(compute_square_sums(torque, found.values) @ weighted.weights**2)
+    best = float(weighted.squares @ weighted.weights**2)
+    return _SeedErrors(
+        found.values - scene.truth,
+        np.sqrt(np.diag(weighted.covariance)),
+        100.0 * (float(np.sqrt(whole / best)) - 1.0),
+        found.eigenvalue,
+    )
+
+
+def _summarise(scene: PrecisionScene, method: str, draws: Sequence[_SeedErrors]) -> PrecisionMethod:
+    errors = np.array([draw.errors for draw in draws])
+    deviations = np.array([draw.deviations for draw in draws])
+    ratios = np.sqrt(np.mean(errors**2, axis=0)) / scene.bound
+    least = min(draw.eigenvalue for draw in draws)
+    return PrecisionMethod(
+        method=method,
+        ratios=tuple(ratios.tolist()),
+        mean_ratio=float(ratios.mean()),
+        worst_ratio=float(ratios.max()),
+        worst=scene.rows["torque"].names[int(np.argmax(ratios))],
+        coverage_percent=100.0 * float(np.mean(np.abs(errors) <= _NORMAL_95 * deviations)),
+        worst_price_percent=max(draw.price for draw in draws),
+        least_eigenvalue=least if np.isfinite(least) else None,
+    )
+
+
+CUTOFFS = (10.0, 15.0, 20.0, 30.0, 50.0, 75.0, 100.0, 150.0, 200.0, 300.0)
+BAND = 10.0
+"""Of the comparison, in Hz."""
+_FITTED_SHARE = 0.6
+_HIGHEST_CUTOFF = 0.45
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CutoffLine:
+    """One cut-off in Hz: residuals foretold in percent; None where nothing could be fitted."""
+
+    cutoff: float
+    decimated: float | None
+    plain: float | None
+    momentum: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CutoffStudy:
+    """All cut-offs; `factor` of the decimation, `chosen` cut-off of the log, `band` of the comparison."""
+
+    robot: str
+    source: str
+    factor: int
+    chosen: float
+    band: float
+    lines: tuple[CutoffLine, ...]
+
+
+def study_cutoff(
+    library: Library,
+    recording: Recording,
+    processing: Processing,
+    *,
+    cutoffs: Sequence[float] = CUTOFFS,
+    progress: Callable[[int, int], None] | None = None,
+) -> CutoffStudy:
+    """Return what fits with every cut-off foretell.
+
+    Args:
+        library: the robot's functions.
+        recording: the log.
+        processing: of the robot file; its cut-off is replaced.
+        cutoffs: Hz.
+        progress: told how many are done, of how many.
+    """
+    settled = choose_filters(processing, [recording]).processing
+    if settled.filter_cutoff is None:
+        settled = choose_filters(replace(settled, automatic=True), [recording]).processing
+    window = choose_window("momentum", settled, recording.period)
+    count = len(recording.time)
+    middle = round(_FITTED_SHARE * count)
+    rest = replace(settled, drop_first=max(settled.drop_first, middle))
+    usable = [value for value in cutoffs if value < _HIGHEST_CUTOFF / recording.period]
+    lines = []
+    for value in usable:
+        last = max(settled.drop_last, count - middle)
+        filtered = replace(settled, filter_cutoff=value, drop_last=last)
+        plain = replace(filtered, decimation=Decimation())
+        lines.append(
+            CutoffLine(
+                cutoff=value,
+                decimated=_predict_rest(library, recording, filtered, rest, "torque"),
+                plain=_predict_rest(library, recording, plain, rest, "torque"),
+                momentum=_predict_rest(library, recording, plain, rest, "momentum", window=window),
+            )
+        )
+        if progress is not None:
+            progress(len(lines), len(usable))
+    return CutoffStudy(
+        robot=library.card.robot,
+        source=recording.source,
+        factor=settled.decimation.factor,
+        chosen=settled.filter_cutoff or 0.0,
+        band=BAND,
+        lines=tuple(lines),
+    )
+
+
+def _predict_rest(
+    library: Library,
+    recording: Recording,
+    fitted: Processing,
+    judged: Processing,
+    rows: str,
+    *,
+    window: float | None = None,
+) -> float | None:
+    try:
+        estimate = identify_parameters(
+            library, [recording], fitted, rows=rows, estimator="wls", window=window
+        )
+    except IdentifiabilityError:
+        return None
+    names = tuple(entry.name for entry in (*library.card.beta, *library.card.friction))
+    prediction = predict_torques(estimate.assemble(names), library, recording, judged, band=BAND)
+    return compute_band_residual(prediction).mean_relative_percent

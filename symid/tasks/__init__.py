@@ -1,1 +1,0 @@
-"""Tasks that take several rooms: identify, validate, compare, export, check, as functions of products."""

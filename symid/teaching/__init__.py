@@ -1,1 +1,0 @@
-"""Derivations told step by step."""

@@ -1,0 +1,490 @@
+"""Bodies with given base values: against the definition, Pinocchio, finite differences and scipy."""
+
+import dataclasses
+from fractions import Fraction
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings, strategies as st
+from scipy.optimize import minimize
+
+from symid.dynamics.base_parameters import compute_parameter_values, derive_base_parameters
+from symid.dynamics.interior_point import BodyProblem, solve_body_problem
+from symid.dynamics.physical_consistency import StandardOutcome, build_grouping, compute_standard_set
+from symid.dynamics.pseudo_inertia import build_prior, build_pseudo_inertias, compute_standard_parameters
+from symid.errors import RobotError, SolverError, UsageError
+from symid.notation import INERTIAL
+from symid.robot.description import Coupling, Drive, FrictionKind, FrictionValues, Spring
+from symid.robot.inertia import explain_impossible_inertia
+from tests.chains import (
+    PANDA,
+    PUMA560,
+    STANFORD,
+    TWO_LINK,
+    build_chain,
+    build_pinocchio,
+    draw_parameters,
+    trees,
+)
+
+ROBOTS = [TWO_LINK, PUMA560, PANDA, STANFORD]
+RIGHT_ANGLES = st.sampled_from([0.0, np.pi / 2, -np.pi / 2, np.pi])
+
+
+def group(robot, pi, drives=None, base=None):
+    """Return beta = K pi, summed term by term from the definition."""
+    base = base or derive_base_parameters(robot)
+    known = {(link, name): pi[link][k] for link in range(robot.size) for k, name in enumerate(INERTIAL)}
+    known |= drives or {}
+    lengths = dict(robot.symbols)
+    return np.array(
+        [sum(float(c.subs(lengths)) * known[label] for label, c in p.terms) for p in base.parameters]
+    )
+
+
+def measure(pi, prior):
+    """Return the log-det divergence by its formula."""
+    ratio = build_pseudo_inertias(pi) @ np.linalg.inv(build_pseudo_inertias(prior))
+    return float(np.trace(ratio, axis1=1, axis2=2).sum() - np.linalg.slogdet(ratio)[1].sum() - 4 * len(pi))
+
+
+def assert_bodies(pi):
+    for row in pi:
+        assert row[9] > 0
+        assert explain_impossible_inertia(row) == ""
+    assert np.linalg.eigvalsh(build_pseudo_inertias(pi)).min() > 0
+
+
+def test_pseudo_inertia_is_the_second_moment_of_point_masses():
+    rng = np.random.default_rng(0)
+    points, masses = rng.uniform(-1, 1, (5, 3)), rng.uniform(0.1, 1, 5)
+    extended = np.hstack([points, np.ones((5, 1))])
+    expected = np.einsum("k,ki,kj->ij", masses, extended, extended)
+    tensor = sum(m * (p @ p * np.eye(3) - np.outer(p, p)) for m, p in zip(masses, points, strict=True))
+    pi = np.array([[*tensor[0], *tensor[1, 1:], tensor[2, 2], *(masses @ points), masses.sum()]])
+    np.testing.assert_allclose(build_pseudo_inertias(pi)[0], expected, atol=1e-14)
+    np.testing.assert_allclose(compute_standard_parameters(build_pseudo_inertias(pi)), pi, atol=1e-14)
+
+
+@pytest.mark.parametrize("robot", ROBOTS, ids=lambda r: r.name)
+@pytest.mark.parametrize("own_prior", [True, False])
+def test_bodies_have_the_base_values_and_the_same_torques(robot, own_prior):
+    rng = np.random.default_rng(3)
+    base, truth = derive_base_parameters(robot), draw_parameters(rng, robot.size)
+    beta = group(robot, truth, base=base)
+    prior = 5 * draw_parameters(rng, robot.size) if own_prior else None
+    found = compute_standard_set(robot, base, beta, prior=prior)
+    assert found.outcome is StandardOutcome.CONSISTENT
+    assert_bodies(found.pi)
+    assert np.abs(group(robot, found.pi, base=base) - beta).max() < 1e-10
+    assert np.abs(found.residual).max() < 1e-10
+    assert found.stationarity < 1e-10
+    assert (found.blamed, found.reason) == ((), "")
+    assert np.abs(found.pi - truth).max() > 1e-2
+    ours, theirs = (build_pinocchio(robot, pi) for pi in (found.pi, truth))
+    for _ in range(5):
+        state = rng.uniform(-3, 3, (3, robot.size))
+        torques = pin.rnea(theirs, theirs.createData(), *state)
+        np.testing.assert_allclose(pin.rnea(ours, ours.createData(), *state), torques, atol=1e-9)
+
+
+@settings(max_examples=25, deadline=None)
+@given(robot=trees(most=4, rotors=True, angles=RIGHT_ANGLES), seed=st.integers(0, 99))
+def test_bodies_have_the_base_values_on_random_trees(robot, seed):
+    rng = np.random.default_rng(seed)
+    base, truth = derive_base_parameters(robot), draw_parameters(rng, robot.size)
+    rotors = {label: rng.uniform(0.01, 2) for label in base.labels if label[1] == "IA"}
+    beta = group(robot, truth, rotors, base)
+    found = compute_standard_set(robot, base, beta)
+    assert found.outcome is StandardOutcome.CONSISTENT
+    assert_bodies(found.pi)
+    drives = dict.fromkeys(rotors, 1.0) | dict(found.drives)
+    assert all(value > 0 for value in drives.values())
+    error = group(robot, found.pi, drives, base) - beta
+    assert np.abs(error).max() < 1e-10 * max(1.0, np.abs(beta).max())
+
+
+@pytest.mark.parametrize("robot", ROBOTS, ids=lambda r: r.name)
+def test_a_prior_that_has_the_base_values_comes_back(robot):
+    truth = draw_parameters(np.random.default_rng(4), robot.size)
+    found = compute_standard_set(robot, derive_base_parameters(robot), group(robot, truth), prior=truth)
+    np.testing.assert_allclose(found.pi, truth, atol=1e-11)
+    assert abs(found.distance) < 1e-11
+
+
+def test_values_of_the_robot_file_come_back_from_their_base_values():
+    truth = draw_parameters(np.random.default_rng(5), 6)
+    joints = tuple(
+        dataclasses.replace(
+            joint, inertial=tuple(row), drive=Drive(has_rotor=True, rotor_inertia=0.3 + 0.1 * k)
+        )
+        for k, (joint, row) in enumerate(zip(PUMA560.joints, truth, strict=True))
+    )
+    robot = dataclasses.replace(PUMA560, joints=joints)
+    base = derive_base_parameters(robot)
+    found = compute_standard_set(robot, base, compute_parameter_values(robot, base))
+    np.testing.assert_allclose(found.pi, truth, atol=1e-10)
+    assert [label for label, _ in found.drives] == [(k, "IA") for k in range(6)]
+    np.testing.assert_allclose([value for _, value in found.drives], [0.3 + 0.1 * k for k in range(6)])
+
+
+def unpack(x):
+    """Return standard parameters from Cholesky factors with logarithmic diagonals, ten numbers a link."""
+    bodies = []
+    for part in x.reshape(-1, 10):
+        lower = np.zeros((4, 4))
+        lower[np.tril_indices(4, -1)] = part[4:]
+        lower += np.diag(np.exp(part[:4]))
+        bodies.append(lower @ lower.T)
+    return compute_standard_parameters(np.array(bodies))
+
+
+def pack(pi):
+    lowers = np.linalg.cholesky(build_pseudo_inertias(pi))
+    return np.concatenate(
+        [np.concatenate([np.log(np.diag(lower)), lower[np.tril_indices(4, -1)]]) for lower in lowers]
+    )
+
+
+def test_the_set_is_the_optimum_that_scipy_finds():
+    rng = np.random.default_rng(6)
+    base = derive_base_parameters(TWO_LINK)
+    truth, prior = draw_parameters(rng, 2), draw_parameters(rng, 2)
+    beta = group(TWO_LINK, truth, base=base)
+    found = compute_standard_set(TWO_LINK, base, beta, prior=prior)
+    best = minimize(
+        lambda x: measure(unpack(x), prior),
+        pack(truth),
+        method="SLSQP",
+        bounds=([(-6, 2)] * 4 + [(-4, 4)] * 6) * 2,
+        constraints={"type": "eq", "fun": lambda x: group(TWO_LINK, unpack(x), base=base) - beta},
+        options={"maxiter": 1000, "ftol": 1e-13},
+    )
+    assert best.success
+    assert found.distance == pytest.approx(measure(found.pi, prior), abs=1e-10)
+    assert found.distance == pytest.approx(best.fun, abs=1e-6)
+    assert found.distance <= best.fun + 1e-9
+    np.testing.assert_allclose(found.pi, unpack(best.x), atol=2e-3)
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_the_nearest_set_is_the_optimum_that_scipy_finds(given):
+    rng = np.random.default_rng(7)
+    base, prior = derive_base_parameters(TWO_LINK), draw_parameters(rng, 2)
+    beta = group(TWO_LINK, draw_parameters(rng, 2), base=base)
+    beta[0] = -0.3
+    names = [parameter.name for parameter in base.parameters]
+    deviations = dict(zip(names, rng.uniform(0.01, 0.1, 6), strict=True)) if given else None
+    found = compute_standard_set(TWO_LINK, base, beta, prior=prior, deviations=deviations)
+    assert found.outcome is StandardOutcome.NEAREST
+    assert found.blamed[0] == "ZZR1"
+    assert found.reason.startswith("ZZR1 = -0.3: positive for all bodies (ZZ1 + 0.25*M2); links")
+    assert_bodies(found.pi)
+    sizes = np.array(list(deviations.values())) if given else 0.01 * find_sizes(TWO_LINK, base, prior)
+
+    def cost(x):
+        pi = unpack(x)
+        return measure(pi, prior) + 0.5 * float(
+            np.sum(((group(TWO_LINK, pi, base=base) - beta) / sizes) ** 2)
+        )
+
+    start = pack(found.pi)
+    best = minimize(cost, start + 0.05 * rng.normal(size=20), method="BFGS", options={"maxiter": 3000})
+    assert cost(start) <= best.fun * (1 + 1e-9)
+    assert best.fun == pytest.approx(cost(start), rel=1e-3)
+    np.testing.assert_allclose(found.residual, group(TWO_LINK, found.pi, base=base) - beta, atol=1e-12)
+
+
+def find_sizes(robot, base, prior):
+    """Return the size of every row of K, seen from the prior: |L' X L| with row * pi = tr X P."""
+    roots = np.linalg.cholesky(build_pseudo_inertias(prior))
+    grouping = build_grouping(robot, base).matrix.reshape(base.count, robot.size, 10)
+    sizes = []
+    for row in grouping:
+        total = 0.0
+        for coefficients, root in zip(row, roots, strict=True):
+            # tr X P is linear in P: its coefficients from the unit matrices.
+            form = np.zeros((4, 4))
+            for i in range(4):
+                for j in range(4):
+                    unit = np.zeros((4, 4))
+                    unit[i, j] = unit[j, i] = 1.0 if i == j else 0.5
+                    form[i, j] = coefficients @ compute_standard_parameters(unit[None])[0]
+            total += float(np.sum((root.T @ form @ root) ** 2))
+        sizes.append(np.sqrt(total))
+    return np.array(sizes)
+
+
+def find_slope(function, pi, step=1e-6):
+    """Return the gradient of a function of pi (n, 10) by central differences."""
+    units = step * np.eye(pi.size).reshape(-1, *pi.shape)
+    return np.array([(function(pi + unit) - function(pi - unit)) / (2 * step) for unit in units])
+
+
+@pytest.mark.parametrize("robot", [TWO_LINK, PUMA560], ids=lambda r: r.name)
+def test_the_distance_is_stationary_along_all_that_base_values_allow(robot):
+    """Its gradient, by finite differences, is a combination of the rows of K."""
+    rng = np.random.default_rng(8)
+    base, prior = derive_base_parameters(robot), draw_parameters(rng, robot.size)
+    found = compute_standard_set(robot, base, group(robot, draw_parameters(rng, robot.size)), prior=prior)
+    slope = find_slope(lambda pi: measure(pi, prior), np.array(found.pi))
+    rows = build_grouping(robot, base).matrix
+    rest = slope - rows.T @ np.linalg.lstsq(rows.T, slope, rcond=None)[0]
+    assert np.abs(rest).max() < 1e-6 * np.abs(slope).max()
+    assert np.abs(slope).max() > 1
+
+
+def draw_problem(rng, slack):
+    blocks = rng.normal(size=(3, 2, 4, 4))
+    return BodyProblem(
+        blocks=blocks + blocks.transpose(0, 1, 3, 2),
+        positive=rng.normal(size=(3, 2)),
+        free=rng.normal(size=(3, 1)),
+        target=rng.normal(size=3),
+        slack=np.full(3, slack),
+        weights=rng.uniform(0.5, 2, 5),
+    )
+
+
+@pytest.mark.parametrize("slack", [0.0, 0.3])
+@pytest.mark.parametrize("seed", range(4))
+def test_the_solver_fulfils_the_conditions_of_optimality(slack, seed):
+    rng = np.random.default_rng(seed)
+    problem = draw_problem(rng, slack)
+    solution = solve_body_problem(problem)
+    w_block, w_positive, w_free = problem.split(problem.weights)
+    nu = solution.multipliers
+    sums = np.einsum("i,injk->njk", nu, problem.blocks) / w_block[:, None, None]
+    np.testing.assert_allclose(
+        solution.blocks @ (np.eye(4) + sums), np.tile(np.eye(4), (2, 1, 1)), atol=1e-10
+    )
+    np.testing.assert_allclose(solution.positive * (1 + nu @ problem.positive / w_positive), 1, atol=1e-10)
+    np.testing.assert_allclose(solution.free, -nu @ problem.free / w_free, atol=1e-10)
+    lacking = problem.target - np.einsum("injk,njk->i", problem.blocks, solution.blocks)
+    lacking -= problem.positive @ solution.positive + problem.free @ solution.free
+    np.testing.assert_allclose(lacking, -problem.slack * nu, atol=1e-10)
+    assert np.linalg.eigvalsh(solution.blocks).min() > 0
+    assert np.all(solution.positive > 0)
+    assert solution.stationarity < 1e-10
+
+
+def test_equations_that_nothing_fulfils_have_no_solution():
+    problem = draw_problem(np.random.default_rng(8), 0.0)
+    blocks = np.tile(np.eye(4), (3, 2, 1, 1)) * np.array([1.0, 2.0, 3.0])[:, None, None, None]
+    nothing = dataclasses.replace(
+        problem, blocks=blocks, positive=np.ones((3, 2)), free=np.zeros((3, 1)), target=-np.ones(3)
+    )
+    assert solve_body_problem(nothing) is None
+    assert solve_body_problem(dataclasses.replace(nothing, slack=np.ones(3))) is not None
+
+
+def test_base_values_that_contradict_each_other_are_named():
+    """A first moment too large for the inertia and the mass that are left."""
+    truth = draw_parameters(np.random.default_rng(9), 2)
+    base = derive_base_parameters(TWO_LINK)
+    beta = dict(zip((p.name for p in base.parameters), group(TWO_LINK, truth, base=base), strict=True))
+    beta |= {"MX2": 30.0, "ZZ2": 0.01, "ZZR1": 1.0}
+    found = compute_standard_set(TWO_LINK, base, beta)
+    assert found.outcome is StandardOutcome.NEAREST
+    assert {"MX2", "ZZR1"} <= set(found.blamed)
+    assert found.reason.startswith("no bodies have these values at the same time: ")
+    assert_bodies(found.pi)
+
+
+@settings(max_examples=20, deadline=None)
+@given(robot=st.sampled_from(ROBOTS), seed=st.integers(0, 99))
+def test_any_base_values_give_bodies(robot, seed):
+    rng = np.random.default_rng(seed)
+    base = derive_base_parameters(robot)
+    found = compute_standard_set(robot, base, rng.normal(size=base.count))
+    assert_bodies(found.pi)
+    assert found.stationarity < 1e-6
+    assert bool(found.blamed) == (found.outcome is StandardOutcome.NEAREST)
+
+
+def test_base_values_may_be_known_in_part():
+    truth = draw_parameters(np.random.default_rng(10), 6)
+    base = derive_base_parameters(PUMA560)
+    beta = dict(zip((p.name for p in base.parameters), group(PUMA560, truth, base=base), strict=True))
+    known = {name: beta[name] for name in ("ZZR1", "MXR2", "MYR3")}
+    found = compute_standard_set(PUMA560, base, known)
+    assert found.names == ("ZZR1", "MXR2", "MYR3")
+    assert found.outcome is StandardOutcome.CONSISTENT
+    reached = dict(zip(beta, group(PUMA560, found.pi, base=base), strict=True))
+    assert {name: reached[name] for name in known} == pytest.approx(known, abs=1e-10)
+
+
+def test_weights_keep_a_link_near_its_prior():
+    rng = np.random.default_rng(11)
+    truth, prior = draw_parameters(rng, 2), draw_parameters(rng, 2)
+    base = derive_base_parameters(TWO_LINK)
+    beta = group(TWO_LINK, truth, base=base)
+    even = compute_standard_set(TWO_LINK, base, beta, prior=prior)
+    kept = compute_standard_set(TWO_LINK, base, beta, prior=prior, weights=np.array([1.0, 1e3]))
+    assert measure(kept.pi[1:], prior[1:]) < measure(even.pi[1:], prior[1:])
+    assert measure(kept.pi[:1], prior[:1]) > measure(even.pi[:1], prior[:1])
+    assert np.abs(kept.residual).max() < 1e-10
+
+
+def test_a_distance_does_not_depend_on_units_or_frames():
+    """A congruence P -> T P T' of every pseudo-inertia leaves the distance as it is."""
+    rng = np.random.default_rng(12)
+    left, right = (build_pseudo_inertias(draw_parameters(rng, 1)) for _ in range(2))
+    change = rng.normal(size=(4, 4))
+    turned = [compute_standard_parameters(change @ body @ change.T) for body in (left, right)]
+    assert measure(*turned) == pytest.approx(
+        measure(compute_standard_parameters(left), compute_standard_parameters(right)), rel=1e-9
+    )
+
+
+def test_an_offset_that_is_part_of_a_weight_may_have_any_sign():
+    slide = build_chain([(0.0, 0, "q", 0.0)], rotors=True, friction=FrictionKind.VISCOUS_COULOMB_OFFSET)
+    base = derive_base_parameters(slide)
+    names = [parameter.name for parameter in (*base.parameters, *base.friction)]
+    assert len(names) == 4
+    values = np.array([2.0, 0.5, 0.3, 0.1])
+    found = compute_standard_set(slide, base, values)
+    assert found.names == tuple(names)
+    assert found.outcome is StandardOutcome.CONSISTENT
+    drives = dict(found.drives)
+    assert {(0, "IA"), (0, "offset")} <= set(drives)
+    known = {(0, name): found.pi[0, k] for k, name in enumerate(INERTIAL)} | drives
+    for parameter, value in zip((*base.parameters, *base.friction), values, strict=True):
+        total = sum(float(c) * known[label] for label, c in parameter.terms)
+        assert total == pytest.approx(value, abs=1e-12)
+
+
+def test_friction_values_of_the_file_are_the_start():
+    slide = build_chain([(0.0, 0, "q", 0.0)], rotors=True)
+    kind = FrictionKind.VISCOUS_COULOMB_OFFSET
+    joint = dataclasses.replace(slide.joints[0], friction=FrictionValues(kind=kind, values=(1.0, 2.0, -3.0)))
+    robot = dataclasses.replace(slide, joints=(joint,))
+    base = derive_base_parameters(robot)
+    pi = draw_parameters(np.random.default_rng(0), 1)
+    beta = group(robot, pi, {(0, "offset"): -3.0, (0, "IA"): 0.1 * pi[0, 9]}, base)
+    found = compute_standard_set(robot, base, beta, prior=pi)
+    np.testing.assert_allclose(found.pi, pi, atol=1e-12)
+    assert dict(found.drives)[0, "offset"] == pytest.approx(-3.0)
+
+
+def test_symbolic_lengths_need_values():
+    arm = build_chain([(0.0, 0, 0, "q"), (0.0, "L1", 0, "q")], gravity=("0", "-9.81", "0"))
+    base = derive_base_parameters(arm)
+    with pytest.raises(RobotError) as caught:
+        compute_standard_set(arm, base, np.ones(6))
+    assert caught.value.notices[0].code == "robot.symbol-without-value"
+    valued = dataclasses.replace(arm, symbols=(("L1", 0.5),))
+    truth = draw_parameters(np.random.default_rng(13), 2)
+    prior = draw_parameters(np.random.default_rng(14), 2)
+    beta = group(valued, truth, base=base)
+    found = compute_standard_set(valued, base, beta, prior=prior)
+    same = compute_standard_set(TWO_LINK, derive_base_parameters(TWO_LINK), beta, prior=prior)
+    np.testing.assert_allclose(found.pi, same.pi, atol=1e-12)
+
+
+def test_default_prior_takes_the_file_at_its_word_and_rounds_flat_bodies():
+    thin = (0.0, 0.0, 0.0, 0.4, 0.0, 0.4, 0.6, 0.0, 0.0, 1.2)
+    stated = tuple(draw_parameters(np.random.default_rng(15), 1)[0])
+    impossible = (1.0, 0.0, 0.0, 0.1, 0.0, 0.1, 0.0, 0.0, 0.0, 1.0)
+    nothing = (0.0,) * 10
+    kinds = (stated, thin, impossible, nothing, None)
+    chain = build_chain([(0.0, 0, 0, "q"), *[(0.3, 0.4, 0, "q")] * 4])
+    joints = tuple(dataclasses.replace(j, inertial=k) for j, k in zip(chain.joints, kinds, strict=True))
+    robot = dataclasses.replace(chain, joints=joints)
+    prior = build_prior(robot, np.zeros((1, 50)), [0.0])
+    assert_bodies(prior)
+    np.testing.assert_allclose(prior[0], stated)
+    np.testing.assert_allclose(prior[1], thin, atol=0.01)
+    assert prior[1, 0] > 0
+    # Half-way to the next joint at 0.4 m, radius of gyration 0.1 m.
+    mass = prior[2, 9]
+    np.testing.assert_allclose(prior[2] / mass, [0.02, 0, 0, 0.06, 0, 0.06, 0.2, 0, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(prior[3], prior[2], atol=1e-12)
+    # The last link carries nothing.
+    np.testing.assert_allclose(prior[4] / mass, [0.02, 0, 0, 0.02, 0, 0.02, 0, 0, 0, 1], atol=1e-12)
+
+
+def test_default_prior_has_the_mass_that_the_base_values_want():
+    base = derive_base_parameters(PUMA560)
+    bodies = build_prior(PUMA560, build_grouping(PUMA560, base).matrix, np.ones(base.count))
+    beta = group(PUMA560, bodies, base=base)
+    again = build_prior(PUMA560, build_grouping(PUMA560, base).matrix, 7 * beta)
+    np.testing.assert_allclose(again, 7 * bodies, rtol=1e-12)
+
+
+def test_a_rotor_counts_only_as_a_positive_inertia():
+    robot = build_chain([(0.0, 0, 0, "q"), (0.0, 0.5, 0, "q")], rotors=True)
+    base = derive_base_parameters(robot)
+    rng = np.random.default_rng(16)
+    rotors = {(0, "IA"): 0.2, (1, "IA"): 0.4}
+    beta = group(robot, draw_parameters(rng, 2), rotors, base)
+    names = [parameter.name for parameter in base.parameters]
+    found = compute_standard_set(robot, base, beta)
+    assert found.outcome is StandardOutcome.CONSISTENT
+    assert names.index("IA2") > 0
+    beta[names.index("IA2")] = -0.1
+    refused = compute_standard_set(robot, base, beta)
+    assert refused.outcome is StandardOutcome.NEAREST
+    assert refused.blamed[0] == "IA2"
+    assert dict(refused.drives)[1, "IA"] > 0
+
+
+def test_couplings_and_springs_take_part():
+    arm = build_chain([(0.0, 0, 0, "q"), (0.0, 0.5, 0, "q"), (0.3, 0.1, "q", 0.0)], rotors=True)
+    joints = list(arm.joints)
+    joints[2] = dataclasses.replace(joints[2], spring=Spring(stiffness=40.0, rest=0.1))
+    coupling = Coupling(
+        name="m", terms=((0, Fraction(1)), (1, Fraction(-2))), has_rotor=True, rotor_inertia=0.2
+    )
+    robot = dataclasses.replace(arm, joints=tuple(joints), couplings=(coupling,))
+    base = derive_base_parameters(robot)
+    pi = draw_parameters(np.random.default_rng(20), 3)
+    usual = [0.1 * pi[0, 5], 0.1 * pi[1, 5], 0.1 * pi[2, 9]]
+    drives = {(k, "IA"): value for k, value in enumerate(usual)}
+    drives |= {(3, "IA"): 0.2, (2, "KS"): 40.0, (2, "KR"): -4.0}
+    beta = group(robot, pi, drives, base)
+    found = compute_standard_set(robot, base, beta, prior=pi)
+    np.testing.assert_allclose(found.pi, pi, atol=1e-10)
+    assert dict(found.drives) == pytest.approx(drives, abs=1e-9)
+    moved = compute_standard_set(robot, base, 1.5 * beta, prior=pi)
+    reached = group(robot, moved.pi, drives | dict(moved.drives), base)
+    np.testing.assert_allclose(reached, 1.5 * beta, atol=1e-10)
+    assert dict(moved.drives)[3, "IA"] > 0
+
+
+def catch(error, robot, *arguments, **options):
+    with pytest.raises(error) as caught:
+        compute_standard_set(robot, derive_base_parameters(robot), *arguments, **options)
+    return caught.value.notices[0]
+
+
+def test_input_that_cannot_be_used_is_refused():
+    good = draw_parameters(np.random.default_rng(17), 2)
+    for values in (np.ones(5), {"ZZ9": 1.0}, {}, {"ZZ2": np.nan}, [np.inf] * 6):
+        assert catch(UsageError, TWO_LINK, values).code == "usage.base-values"
+    assert "ZZR1" in catch(UsageError, TWO_LINK, {"ZZ9": 1.0}).text
+    flat = good.copy()
+    flat[1, 9] = -1.0
+    for prior in (good[:1], flat, good * np.nan):
+        assert catch(UsageError, TWO_LINK, np.ones(6), prior=prior).code == "usage.prior"
+    assert "joint2" in catch(UsageError, TWO_LINK, np.ones(6), prior=flat).text
+    for weights in (np.ones(3), np.array([1.0, 0.0]), np.array([1.0, np.nan])):
+        assert catch(UsageError, TWO_LINK, np.ones(6), weights=weights).code == "usage.consistency-weights"
+    deviations = {"ZZ2": 0.0}
+    notice = catch(UsageError, TWO_LINK, {"ZZ2": -1.0}, deviations=deviations)
+    assert notice.code == "usage.consistency-weights"
+
+
+def test_numbers_beyond_all_bounds_end_in_an_error_not_in_a_result():
+    prior = draw_parameters(np.random.default_rng(18), 2)
+    notice = catch(SolverError, TWO_LINK, -1e200 * np.ones(6), prior=prior * np.array([[1e-99], [1e99]]))
+    assert notice.code == "solver.standard-set"
+
+
+def test_the_same_input_gives_the_same_set():
+    base = derive_base_parameters(PANDA)
+    beta = np.random.default_rng(19).normal(size=base.count)
+    first, second = (compute_standard_set(PANDA, base, beta) for _ in range(2))
+    assert first.pi.tobytes() == second.pi.tobytes()
+    assert (first.blamed, first.reason) == (second.blamed, second.reason)

@@ -1,0 +1,323 @@
+"""What a robot carries, from base values with and without it; noise of a known covariance is put on them."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from symid.dynamics.base_parameters import compute_parameter_values, derive_base_parameters
+from symid.dynamics.payload import (
+    PAYLOAD_QUANTITIES,
+    BaseValues,
+    compute_ball,
+    compute_quantities,
+    compute_quantity_derivatives,
+    estimate_payload,
+)
+from symid.errors import EstimateError, IdentifiabilityError, UsageError
+from symid.robot.description import JointKind
+from symid.robot.inertia import compute_standard_parameters, explain_impossible_inertia, move_parameters
+from symid.robot.toml_reader import read_robot
+from tests.chains import PANDA, PUMA560, build_chain, draw_parameters, regress
+from tests.estimates import fill_robot
+
+MASS, CENTRE, INERTIA = 1.5, (0.03, -0.02, 0.09), (0.004, 0.0003, -0.0002, 0.005, 0.0001, 0.003)
+TRUE = np.array([MASS, *CENTRE, *INERTIA])
+
+
+def load_robot(robot, *, link=-1, mass=MASS, com=CENTRE, inertia=INERTIA):
+    """Return the robot with the payload at the file's frame of a link."""
+    joint = robot.joints[link]
+    rotation = np.array([[entry.to_float() for entry in row] for row in joint.frame.rotation])
+    origin = np.array([entry.to_float() for entry in joint.frame.translation])
+    body = move_parameters(compute_standard_parameters(mass, com, inertia), rotation, origin)
+    total = tuple(a + b for a, b in zip(joint.inertial, body, strict=True))
+    joints = list(robot.joints)
+    joints[link] = dataclasses.replace(joint, inertial=total)
+    return dataclasses.replace(robot, joints=tuple(joints))
+
+
+def read_values(robot, covariance):
+    values = compute_parameter_values(robot, derive_base_parameters(robot))
+    return BaseValues(names=tuple(values), values=np.array(list(values.values())), covariance=covariance)
+
+
+def disturb(given, seed):
+    rng = np.random.default_rng(seed)
+    noise = np.linalg.cholesky(given.covariance) @ rng.standard_normal(len(given.names))
+    return dataclasses.replace(given, values=given.values + noise)
+
+
+def find_information(robot, seed, rows=60, noise=0.02):
+    """Return the covariance of base values after torques at random states, friction left out."""
+    rng = np.random.default_rng(seed)
+    base = derive_base_parameters(robot)
+    labels = [entry.label for entry in base.parameters]
+    matrix = np.vstack(
+        [
+            np.column_stack([columns[label] for label in labels])
+            for columns in (regress(robot, *rng.uniform(-2, 2, (3, robot.freedom))) for _ in range(rows))
+        ]
+    )
+    return noise**2 * np.linalg.inv(matrix.T @ matrix)
+
+
+@pytest.fixture(scope="module")
+def puma():
+    robot = fill_robot(PUMA560)
+    return robot, find_information(robot, 1), find_information(robot, 2)
+
+
+def list_values(payload):
+    return np.array([np.nan if entry.value is None else entry.value for entry in payload.quantities])
+
+
+def list_deviations(payload):
+    return np.array([np.nan if entry.std is None else entry.std for entry in payload.quantities])
+
+
+def test_quantities_and_their_rates():
+    parameters = draw_parameters(np.random.default_rng(3), 1)[0]
+    mass, com = parameters[9], parameters[6:9] / parameters[9]
+    quantities = compute_quantities(parameters)
+    np.testing.assert_allclose(quantities[:4], [mass, *com])
+    np.testing.assert_allclose(
+        compute_standard_parameters(mass, com, quantities[4:]), parameters, rtol=1e-13, atol=1e-15
+    )
+    step = 1e-6
+    for k, column in enumerate(compute_quantity_derivatives(parameters).T):
+        change = step * np.eye(10)[k]
+        difference = compute_quantities(parameters + change) - compute_quantities(parameters - change)
+        np.testing.assert_allclose(column, difference / (2 * step), atol=1e-8)
+    radius, moment = compute_ball(1000.0 * 4 / 3 * np.pi * 0.1**3)
+    assert (radius, moment) == (pytest.approx(0.1), pytest.approx(0.4 * 4.18879 * 0.01, rel=1e-5))
+
+
+@pytest.mark.parametrize("robot", [PUMA560, PANDA], ids=lambda robot: robot.name)
+def test_without_noise_the_payload_is_found(robot):
+    robot = fill_robot(robot)
+    covariance = 1e-6 * np.eye(derive_base_parameters(robot).count)
+    found = estimate_payload(
+        robot,
+        derive_base_parameters(robot),
+        read_values(load_robot(robot), covariance),
+        read_values(robot, covariance),
+    )
+    np.testing.assert_allclose(list_values(found), TRUE, rtol=1e-8, atol=1e-10)
+    assert [entry.name for entry in found.quantities] == list(PAYLOAD_QUANTITIES)
+    assert (found.joint, found.moved, found.scale) == (robot.joints[-1].name, 0.0, 1.0)
+    assert found.chi2 < 1e-12
+    assert (found.unexplained, found.friction) == ((), ())
+
+
+def test_deviations_hold_and_noise_is_used_as_well_as_can_be(puma):
+    robot, first, second = puma
+    base, truth = derive_base_parameters(robot), load_robot(robot)
+    loaded, empty = read_values(truth, first), read_values(robot, second)
+    shares, squares = [], []
+    for seed in range(300):
+        found = estimate_payload(robot, base, disturb(loaded, seed), disturb(empty, 1000 + seed))
+        # Deviations that were made larger where chi^2 was large by chance are taken back.
+        shares.append((list_values(found) - TRUE) / (list_deviations(found) / found.scale))
+        squares.append(found.chi2)
+    shares = np.array(shares)
+    assert not np.isnan(shares).any()
+    np.testing.assert_allclose(np.mean(shares**2, axis=0), 1.0, atol=0.25)
+    assert np.abs(np.mean(np.abs(shares) < 1.96, axis=0) - 0.95).max() < 0.04
+    assert np.mean(squares) == pytest.approx(base.count - 10, rel=0.1)
+
+
+def test_a_body_that_can_exist_comes_out_of_noise(puma):
+    robot, first, second = puma
+    base, truth = derive_base_parameters(robot), load_robot(robot)
+    loaded, empty, moved = read_values(truth, 400 * first), read_values(robot, 400 * second), []
+    for seed in range(40):
+        found = estimate_payload(robot, base, disturb(loaded, seed), disturb(empty, 1000 + seed))
+        assert not explain_impossible_inertia(found.standard)
+        assert found.standard[9] > 0
+        told = [entry for entry in found.quantities if entry.value is not None]
+        assert "mass" in [entry.name for entry in told]
+        assert found.quantities[0].value == pytest.approx(MASS, abs=5 * found.quantities[0].std)
+        moved.append(found.moved)
+    assert max(moved) > 0
+    assert np.median(moved) < 4
+
+
+def test_an_inertia_that_noise_hides_is_refused(puma):
+    robot, first, second = puma
+    base = derive_base_parameters(robot)
+    found = estimate_payload(
+        robot,
+        base,
+        read_values(load_robot(robot), 2500 * first),
+        read_values(robot, 2500 * second),
+    )
+    by_name = {entry.name: entry for entry in found.quantities}
+    assert by_name["mass"].value == pytest.approx(MASS, rel=1e-6)
+    refused = [entry for entry in found.quantities if entry.value is None]
+    assert {entry.name for entry in refused} >= {"Jxx", "Jyy"}
+    assert all(entry.std is None for entry in refused)
+    assert "larger than the inertia itself" in by_name["Jxx"].reason
+
+
+def test_a_centre_that_noise_hides_is_refused(puma):
+    robot, first, second = puma
+    base = derive_base_parameters(robot)
+    # The mass is known well, from a balance, and the rest hardly.
+    found = estimate_payload(
+        robot,
+        base,
+        read_values(load_robot(robot), 1e6 * first),
+        read_values(robot, 1e6 * second),
+        mass=MASS,
+    )
+    by_name = {entry.name: entry for entry in found.quantities}
+    assert by_name["mass"].std < 1e-5 * MASS
+    assert by_name["cx"].value is None
+    assert "than a body of that mass usually is" in by_name["cx"].reason
+
+
+def test_a_weighed_mass_makes_the_rest_surer(puma):
+    robot, first, second = puma
+    base = derive_base_parameters(robot)
+    values = read_values(load_robot(robot), first), read_values(robot, second)
+    free, weighed = estimate_payload(robot, base, *values), estimate_payload(robot, base, *values, mass=MASS)
+    assert np.all(list_deviations(weighed) <= list_deviations(free) * (1 + 1e-9))
+    np.testing.assert_allclose(list_values(weighed), TRUE, rtol=1e-7, atol=1e-9)
+
+
+def test_a_planar_arm_tells_what_it_can():
+    robot = fill_robot(build_chain([(0.0, 0, 0, "q"), (0.0, 0.5, 0, "q")], gravity=("0", "-9.81", "0")))
+    base = derive_base_parameters(robot)
+    covariance = 1e-8 * np.eye(base.count)
+    found = estimate_payload(
+        robot, base, read_values(load_robot(robot), covariance), read_values(robot, covariance)
+    )
+    told = {entry.name: entry.value for entry in found.quantities if entry.value is not None}
+    assert list(told) == ["mass", "cx", "cy", "Jzz"]
+    wanted = [TRUE[PAYLOAD_QUANTITIES.index(name)] for name in told]
+    np.testing.assert_allclose(list(told.values()), wanted, rtol=1e-7)
+    assert not explain_impossible_inertia(found.standard)
+    assert found.moved == pytest.approx(0.0, abs=1e-6)
+    assert all(
+        "the robot cannot show it" in entry.reason for entry in found.quantities if entry.value is None
+    )
+
+
+def test_a_payload_at_another_link_in_the_frame_of_the_file(robots_folder):
+    robot = fill_robot(read_robot(robots_folder / "wam7.toml"))
+    base = derive_base_parameters(robot)
+    covariance = 1e-8 * np.eye(len(compute_parameter_values(robot, base)))
+    name = robot.joints[3].name
+    found = estimate_payload(
+        robot,
+        base,
+        read_values(load_robot(robot, link=3), covariance),
+        read_values(robot, covariance),
+        joint=name,
+    )
+    assert found.joint == name
+    np.testing.assert_allclose(list_values(found), TRUE, rtol=1e-7, atol=1e-9)
+
+
+def test_parameters_that_are_missing_are_named_as_the_reason(puma):
+    robot, first, second = puma
+    base = derive_base_parameters(robot)
+
+    def keep(given, names):
+        kept = [index for index, name in enumerate(given.names) if name in names]
+        return BaseValues(
+            names=tuple(given.names[index] for index in kept),
+            values=given.values[kept],
+            covariance=given.covariance[np.ix_(kept, kept)],
+        )
+
+    loaded, empty = read_values(load_robot(robot), first), read_values(robot, second)
+    names = [name for name in loaded.names if name not in {"XZ6", "YZ6"}]
+    found = estimate_payload(robot, base, keep(loaded, names), empty)
+    by_name = {entry.name: entry for entry in found.quantities}
+    assert by_name["Jzz"].value == pytest.approx(INERTIA[5], rel=1e-6)
+    assert "not in both estimates" in by_name["Jxz"].reason
+    with pytest.raises(IdentifiabilityError) as caught:
+        estimate_payload(robot, base, keep(loaded, ["XY6", "XZ6"]), empty)
+    assert caught.value.notices[0].code == "payload.mass-unseen"
+    assert "more base parameters" in caught.value.notices[0].text
+    with pytest.raises(EstimateError) as caught:
+        estimate_payload(robot, base, keep(loaded, ["XY6"]), keep(empty, ["XZ6"]))
+    assert caught.value.notices[0].code == "payload.nothing-shared"
+
+
+def test_no_payload_is_refused(puma):
+    robot, first, second = puma
+    base = derive_base_parameters(robot)
+    same = read_values(robot, first), read_values(robot, second)
+    swapped = read_values(robot, first), read_values(load_robot(robot), second)
+    for values in (same, swapped):
+        with pytest.raises(IdentifiabilityError) as caught:
+            estimate_payload(robot, base, *values)
+        assert caught.value.notices[0].code == "payload.none"
+
+
+def test_a_joint_about_the_vertical_shows_no_mass():
+    robot = fill_robot(build_chain([(0.0, 0, 0, "q")]))
+    assert robot.joints[0].kind is JointKind.REVOLUTE
+    base = derive_base_parameters(robot)
+    values = read_values(load_robot(robot), np.eye(1) * 1e-8), read_values(robot, np.eye(1) * 1e-8)
+    with pytest.raises(IdentifiabilityError) as caught:
+        estimate_payload(robot, base, *values)
+    assert caught.value.notices[0].code == "payload.mass-unseen"
+    found = estimate_payload(robot, base, *values, mass=MASS)
+    told = [entry.name for entry in found.quantities if entry.value is not None]
+    assert told == ["mass"]
+
+
+def test_what_the_payload_does_not_explain_is_listed(robots_folder):
+    robot = fill_robot(read_robot(robots_folder / "two_link.toml"))
+    base = derive_base_parameters(robot)
+    covariance = 1e-6 * np.eye(base.count + len(base.friction))
+    loaded, empty = read_values(load_robot(robot), covariance), read_values(robot, covariance)
+    changed = np.array(loaded.values)
+    changed[loaded.names.index("Fc1")] += 0.5
+    changed[loaded.names.index("MY1")] += 0.05
+    found = estimate_payload(robot, base, dataclasses.replace(loaded, values=changed), empty)
+    assert [change.name for change in found.friction] == ["Fc1"]
+    assert found.friction[0].deviations == pytest.approx(0.5 / np.sqrt(2e-6))
+    assert found.friction[0].after - found.friction[0].before == pytest.approx(0.5)
+    assert "MY1" in [change.name for change in found.unexplained]
+    assert found.scale == pytest.approx(np.sqrt(found.chi2 / found.freedom))
+    assert found.scale > 5
+
+
+def test_values_that_no_body_has_end_in_an_error_or_a_body_near_them(puma):
+    robot, first, second = puma
+    base = derive_base_parameters(robot)
+    loaded = load_robot(robot, inertia=(-0.05, 0.0, 0.0, -0.05, 0.0, -0.05))
+    found = estimate_payload(robot, base, read_values(loaded, first), read_values(robot, second))
+    assert found.moved > 10
+    assert not explain_impossible_inertia(found.standard)
+
+
+def test_calls_that_cannot_be_answered(puma):
+    robot, first, second = puma
+    base = derive_base_parameters(robot)
+    values = read_values(load_robot(robot), first), read_values(robot, second)
+    with pytest.raises(UsageError) as caught:
+        estimate_payload(robot, base, *values, joint="wrist")
+    assert caught.value.notices[0].code == "usage.payload-joint"
+    with pytest.raises(UsageError) as caught:
+        estimate_payload(robot, base, *values, mass=-1.0)
+    assert caught.value.notices[0].code == "usage.payload-mass"
+    unsure = read_values(robot, np.full_like(second, np.nan))
+    with pytest.raises(EstimateError) as caught:
+        estimate_payload(robot, base, values[0], unsure)
+    assert caught.value.notices[0].code == "payload.no-deviations"
+
+
+def test_a_search_that_finds_no_body_is_an_error(puma, monkeypatch):
+    robot, first, second = puma
+    base = derive_base_parameters(robot)
+    loaded = load_robot(robot, inertia=(-0.05, 0.0, 0.0, -0.05, 0.0, -0.05))
+    monkeypatch.setattr("symid.dynamics.payload.solve_body_problem", lambda _problem: None)
+    with pytest.raises(IdentifiabilityError) as caught:
+        estimate_payload(robot, base, read_values(loaded, first), read_values(robot, second))
+    assert caught.value.notices[0].code == "payload.no-body"

@@ -1,0 +1,159 @@
+"""Groups of others in terms of ours, exactly."""
+
+import dataclasses
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from sympy import Rational
+
+from symid.dynamics.base_parameters import derive_base_parameters
+from symid.dynamics.regrouping import derive_regrouping, evaluate_regrouping, express_group, read_group
+from symid.errors import UsageError
+from symid.robot.toml_reader import read_robot
+from tests.chains import draw_parameters, regress
+from tests.estimates import fill_robot
+
+NAMES = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
+
+
+@pytest.fixture(scope="module")
+def robot(robots_folder):
+    return read_robot(robots_folder / "tx40.toml")
+
+
+@pytest.fixture(scope="module")
+def base(robot):
+    return derive_base_parameters(robot)
+
+
+def test_sums_are_read_in_either_notation(robot):
+    expected = {(2, "ZZ"): Fraction(1), (0, "MZ"): Fraction(-7, 100), (6, "IA"): Fraction(2)}
+    assert read_group("Izz3 - 0.07*mz1 + 2*Iam6", robot) == expected
+    assert read_group("ZZ3 - 7/100*MZ1 + IAm6 + IAm6", robot) == expected
+    assert read_group("-fs2", robot) == {(1, "Fc"): Fraction(-1)}
+    assert read_group("fv1 \N{MINUS SIGN} 2*fs2", robot) == read_group("fv1 - 2*fs2", robot)
+    assert read_group(".5 * my2 - 2e-1*fc2", robot) == {(1, "MY"): Fraction(1, 2), (1, "Fc"): Fraction(-1, 5)}
+
+
+def test_our_own_groups_are_read_by_name(robot, base):
+    for entry in (*base.parameters, *base.friction):
+        assert read_group(entry.name, robot, base) == dict(entry.terms)
+    assert read_group("2*ZZ1R - ZZR1", robot, base) == read_group("ZZR1", robot, base)
+    with pytest.raises(UsageError, match="'ZZR1' is no parameter"):
+        read_group("ZZR1", robot)
+
+
+def test_couplings_with_any_name_are_read(robot):
+    named = dataclasses.replace(robot, couplings=(dataclasses.replace(robot.couplings[0], name="wrist"),))
+    assert read_group("Iawrist + fvwrist", named) == {(6, "IA"): 1, (6, "Fv"): 1}
+
+
+@pytest.mark.parametrize(
+    "text", ["", "Izz9", "Izz1 +", "Izz1 Izz2", "two", "0.5*", "1/0*Izz1", "Izz1 + exp(2)"]
+)
+def test_what_is_no_sum_of_parameters_is_refused(robot, text):
+    with pytest.raises(UsageError, match="is no parameter of this robot") as caught:
+        read_group(text, robot)
+    assert caught.value.notices[0].code == "usage.unreadable-group"
+
+
+@pytest.mark.parametrize("factor", ["9e999", "1e-13", "1" + "0" * 300])
+def test_factors_out_of_all_reason_are_refused(robot, factor):
+    with pytest.raises(UsageError, match="is not between 1e-12 and 1e12"):
+        read_group(f"fv1 - {factor}*fv2", robot)
+
+
+def test_our_own_groups_are_the_unit_matrix(base):
+    ours = (*base.parameters, *base.friction)
+    groups = [{label: Fraction(int(value.p), int(value.q)) for label, value in entry.terms} for entry in ours]
+    found = derive_regrouping(base, groups)
+    assert found.is_complete
+    assert found.absent == ()
+    assert all(
+        value == (1 if k == column else 0)
+        for k, row in enumerate(found.rows)
+        for column, value in enumerate(row)
+    )
+
+
+def test_other_groups_of_the_same_space(base):
+    """Twice the first and a sum of both say the same as the first two."""
+    first, second = (
+        {label: Fraction(int(value.p), int(value.q)) for label, value in entry.terms}
+        for entry in base.parameters[:2]
+    )
+    both = {label: first.get(label, 0) + second.get(label, 0) for label in {**first, **second}}
+    found = derive_regrouping(base, [{label: 2 * value for label, value in first.items()}, both])
+    assert [row[:2] for row in found.rows] == [(Rational(2), 0), (1, 1)]
+    assert len(found.absent) == 59
+    assert found.is_complete
+
+
+def test_a_group_that_nothing_shows_is_refused(base):
+    with pytest.raises(
+        UsageError, match="group 1 holds a combination of parameters that no motion"
+    ) as caught:
+        derive_regrouping(base, [{(0, "M"): Fraction(1)}])
+    assert caught.value.notices[0].code == "usage.other-groups"
+
+
+def test_all_groups_that_nothing_shows_are_told_with_what_is_left(robot, base):
+    texts = ("Izz1", "fv1", "Ixx2 - 1.0*Iyy2")
+    groups = [read_group(text, robot, base) for text in texts]
+    with pytest.raises(UsageError) as caught:
+        derive_regrouping(base, groups, texts)
+    first, second = (notice.text for notice in caught.value.notices)
+    assert first.startswith(
+        "'Izz1' holds a combination of parameters that no motion of tx40 shows: -IA1 - YY2"
+    )
+    assert "when ZZR1 = ZZ1 + IA1 + YY2" in first
+    assert second.startswith("'Ixx2 - 1.0*Iyy2' holds")
+    assert "0.050625*M3" in second
+
+
+def test_a_parameter_of_another_friction_model_is_left_over(base):
+    with pytest.raises(UsageError, match="Fvp1 is left over"):
+        express_group(base, {(0, "Fvp"): Fraction(1)}, "Fvp1")
+
+
+def test_a_group_that_follows_from_others_says_from_which(robot, base):
+    texts = ("ZZR1", "ZZR1 - fvm6", "fv1", "3*Fvm6")
+    groups = [read_group(text, robot, base) for text in texts]
+    with pytest.raises(UsageError, match=r"'3\*Fvm6' follows from 'ZZR1', 'ZZR1 - fvm6'; leave one"):
+        derive_regrouping(base, groups, texts)
+    with pytest.raises(UsageError, match="follows from nothing"):
+        derive_regrouping(base, [{(5, "Fv"): Fraction(0)}])
+
+
+def test_the_matrix_as_numbers_gives_the_torques_of_standard_parameters(robot, base):
+    """theirs = T ours for random bodies: both evaluated, and both give Pinocchio's torques."""
+    filled = fill_robot(robot)
+    rng = np.random.default_rng(3)
+    standard = dict.fromkeys(regress(filled, *rng.uniform(-1, 1, (3, 6))), 0.0)
+    for link, body in enumerate(draw_parameters(rng, 6)):
+        standard |= {(link, name): float(x) for name, x in zip(NAMES, body, strict=True)}
+    standard |= {label: float(rng.uniform(0.1, 1.0)) for label in standard if label[1] not in NAMES}
+    ours = (*base.parameters, *base.friction)
+    values = np.array([sum(float(c) * standard[label] for label, c in entry.terms) for entry in ours])
+    # Neighbours added up, so that T is not the unit matrix.
+    pairs = zip(ours, (*ours[1:], None), strict=True)
+    groups = [dict(a.terms) if b is None else _add(dict(a.terms), dict(b.terms)) for a, b in pairs]
+    change = evaluate_regrouping(derive_regrouping(base, groups).rows, robot)
+    direct = [sum(float(c) * standard[label] for label, c in group.items()) for group in groups]
+    np.testing.assert_allclose(change @ values, direct, rtol=1e-12)
+    for state in rng.uniform(-2, 2, (5, 3, 6)):
+        columns = regress(filled, *state)
+        torque = sum(column * standard[label] for label, column in columns.items())
+        shown = np.column_stack([columns[entry.label] for entry in ours])
+        np.testing.assert_allclose(shown @ np.linalg.solve(change, direct), torque, atol=1e-9)
+
+
+def _add(first, second):
+    return {label: first.get(label, 0) + second.get(label, 0) for label in (*first, *second)}
+
+
+def test_groups_that_repeat_each_other_are_refused(base):
+    group = {(5, "Fv"): Fraction(1)}
+    with pytest.raises(UsageError, match="the 2 groups are not independent"):
+        derive_regrouping(base, [group, group])

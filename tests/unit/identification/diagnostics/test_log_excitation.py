@@ -1,0 +1,46 @@
+"""Sentences on what logs cannot tell."""
+
+from symid.identification.diagnostics.log_check import LogExcitation, ParameterVerdict, describe_excitation
+
+
+def make(*verdicts, condition=10.0):
+    parameters = tuple(
+        ParameterVerdict(
+            name=f"P{index}",
+            verdict=verdict,
+            relative_std_percent=5.0,
+            reason="it acts on no torque of this log" if verdict == "refused" else "",
+        )
+        for index, verdict in enumerate(verdicts)
+    )
+    return LogExcitation(parameters=parameters, singular=(1.0, 0.1), rank=2, condition=condition)
+
+
+def said(found):
+    return {notice.code: notice.text for notice in describe_excitation(found)}
+
+
+def test_a_log_that_tells_everything_needs_no_word():
+    assert said(make("told", "vague")) == {}
+    assert not make("told", "refused").empty
+
+
+def test_a_bad_condition_is_said():
+    assert "the condition number is 5e+03" in said(make("told", condition=5e3))["log.condition"]
+
+
+def test_refused_parameters_come_with_their_reasons():
+    text = said(make("told", *["refused"] * 10))["log.not-excited"]
+    assert "10 of 11 parameters cannot be told" in text
+    assert "P1: it acts on no torque of this log" in text
+    assert "; and 2 more)" in text
+
+
+def test_faint_parameters_are_listed():
+    text = said(make("told", *["not told"] * 9))["log.faint-parameters"]
+    assert "9 parameters drown in the noise (P1, P2" in text
+    assert ", ...)" in text
+
+
+def test_nothing_told():
+    assert make("not told", "refused").empty

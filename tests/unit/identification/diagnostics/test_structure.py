@@ -1,0 +1,114 @@
+"""A term that is missing is named; where none is, nothing is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symid.identification.diagnostics.residual_structure import (
+    FAMILIES,
+    OTHER_VALUES,
+    analyse_structure,
+    compute_profile,
+    compute_profiles,
+)
+from symid.identification.rigid.fit import identify_parameters
+from symid.robot.description import Decimation, Processing
+from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_signals, build_two_link
+
+PROCESSING = Processing(filter_cutoff=100.0, drop_first=300, drop_last=300, decimation=Decimation(factor=20))
+SAMPLES = 20001
+
+
+def build(seed=0, noise=(0.05, 0.05), **terms):
+    """Return a log whose torques have further terms: joint -> function of the exact signals."""
+    library = build_two_link()
+    options = {"samples": SAMPLES, "seed": seed, "noise": np.array(noise)}
+    recording = build_recording(library, TWO_LINK_TRUTH, **options)
+    signals = build_signals(library, TWO_LINK_TRUTH, samples=SAMPLES, seed=seed)
+    torque = recording.torque.copy()
+    for joint, term in terms.items():
+        index = int(joint[-1]) - 1
+        torque[:, index] += term(signals, index)
+    return replace(recording, torque=torque)
+
+
+def diagnose(recording):
+    library = build_two_link()
+    estimate = identify_parameters(library, [recording], PROCESSING, estimator="wls")
+    names = tuple(entry.name for entry in (*library.card.beta, *library.card.friction))
+    return estimate, analyse_structure(estimate.assemble(names), library, [recording], PROCESSING)
+
+
+def test_white_noise_has_no_structure():
+    estimate, found = diagnose(build())
+    assert found == ()
+    assert not any(notice.code == "identify.structure" for notice in estimate.notices)
+
+
+@pytest.mark.parametrize(
+    ("family", "term"),
+    [
+        ("position", lambda s, j: 2.0 * s.q[:, j]),
+        ("velocity", lambda s, j: 0.8 * np.abs(s.dq[:, j]) * s.dq[:, j]),
+        ("load", lambda s, j: 0.1 * np.abs(s.tau[:, j]) * np.sign(s.dq[:, j])),
+        ("acceleration", lambda s, j: 0.4 * s.ddq[:, j]),
+        ("slow motion", lambda s, j: np.sign(s.dq[:, j]) * np.exp(-((s.dq[:, j] / 0.1) ** 2))),
+        ("other joints", lambda s, j: 0.6 * s.dq[:, 1 - j]),
+        ("time", lambda s, _: 0.1 * s.time),
+    ],
+)
+def test_a_missing_term_is_named_at_its_joint(family, term):
+    estimate, found = diagnose(build(joint2=term))
+    first = next(entry for entry in found if entry.joint == "joint2" and entry.family != OTHER_VALUES)
+    assert first.family == family
+    assert first.share_percent > 10.0
+    assert first.unit == "N m"
+    (notice,) = (
+        entry for entry in estimate.notices if entry.code == "identify.structure" and "joint2" in entry.text
+    )
+    assert f"follows {family}: {FAMILIES[family].advice}" in notice.text
+
+
+def test_a_delay_of_the_torque_is_named():
+    recording = build(noise=(0.01, 0.01))
+    lag = 8
+    torque = np.vstack([recording.torque[:1].repeat(lag, axis=0), recording.torque[:-lag]])
+    _, found = diagnose(replace(recording, torque=torque))
+    assert {entry.family for entry in found if entry.share_percent > 40.0} >= {"delay"}
+
+
+def test_a_held_out_log_tells_as_well():
+    """The parameters are true; the log has friction that the model has not, or a load that it has."""
+    log = build(seed=5, joint1=lambda s, j: 0.8 * np.abs(s.dq[:, j]) * s.dq[:, j])
+    found = analyse_structure(TWO_LINK_TRUTH, build_two_link(), [log], PROCESSING)
+    assert "velocity" in {entry.family for entry in found if entry.joint == "joint1"}
+    log = build(seed=5, joint2=lambda s, j: 0.5 * np.cos(s.q[:, 0] + s.q[:, j]))
+    (finding,) = analyse_structure(TWO_LINK_TRUTH, build_two_link(), [log], PROCESSING)
+    assert (finding.joint, finding.family) == ("joint2", OTHER_VALUES)
+    assert finding.share_percent > 90.0
+
+
+def test_rounding_is_no_structure():
+    exact = build(noise=(0.0, 0.0))
+    torque = np.zeros_like(exact.torque)
+    assert (
+        analyse_structure(np.zeros(12), build_two_link(), [replace(exact, torque=torque)], PROCESSING) == ()
+    )
+
+
+def test_profiles_follow_the_missing_term():
+    log = build(noise=(0.0, 0.0), joint1=lambda s, j: 2.0 * s.q[:, j])
+    first, second = compute_profiles(TWO_LINK_TRUTH, build_two_link(), [log], PROCESSING)
+    assert first.position.mean == pytest.approx(2.0 * first.position.centre, abs=0.05)
+    assert np.all(np.diff(first.position.centre) > 0.0)
+    assert second.load.mean == pytest.approx(np.zeros(24), abs=0.05)
+    assert (first.joint, first.unit, first.position_unit) == ("joint1", "N m", "rad")
+
+
+def test_a_profile_has_groups_of_equal_size():
+    x = np.array([3.0, 1.0, 2.0, 4.0])
+    found = compute_profile(x, 10.0 * x, bins=2)
+    assert found.centre.tolist() == [1.5, 3.5]
+    assert found.mean.tolist() == [15.0, 35.0]
+    assert found.deviation.tolist() == [5.0, 5.0]

@@ -1,0 +1,59 @@
+"""The choice among methods, on rows made for it."""
+
+import numpy as np
+import pytest
+
+from symid.identification.elastic.elimination import BandRows
+from symid.identification.elastic.methods import FOLDS, MethodCandidate, assign_folds, choose_candidate
+
+TRUTH = np.array([2.0, -1.0])
+
+
+@pytest.fixture
+def rows():
+    rng = np.random.default_rng(3)
+    design = rng.normal(size=(4000, 2))
+    return BandRows(
+        design=design,
+        torque=design @ TRUTH + 0.5 * rng.normal(size=4000),
+        group=np.repeat([0, 1], 2000),
+        time=np.tile(np.arange(2000) / 2000.0, 2),
+    )
+
+
+def fixed(name, chi, spread):
+    return MethodCandidate(name=name, refit=lambda _: np.array(chi), spread=spread)
+
+
+def test_a_biased_method_is_not_taken_however_sure_it_says_it_is(rows):
+    candidates = [fixed("wrong", [2.2, -1.0], 1e-6), fixed("right", TRUTH, 0.1)]
+    best, scores = choose_candidate(candidates, rows, np.array([0.5, 0.5]))
+    assert best == "right"
+    errors = {score.name: score.error for score in scores}
+    assert errors["right"] == pytest.approx(1.0, abs=0.1)
+    assert errors["wrong"] - errors["right"] == pytest.approx(0.04 / 0.25, rel=0.3)
+
+
+def test_among_equals_the_surest_is_taken(rows):
+    candidates = [fixed("vague", TRUTH, 0.1), fixed("sure", TRUTH + 1e-3, 0.01)]
+    best, scores = choose_candidate(candidates, rows, np.array([0.5, 0.5]))
+    assert best == "sure"
+    assert all(score.is_close(min(entry.error for entry in scores)) for score in scores)
+
+
+def test_every_fold_leaves_out_two_blocks_of_eight():
+    folds = assign_folds(np.arange(800) / 800.0)
+    assert [int(np.sum(folds == fold)) for fold in range(FOLDS)] == [200] * FOLDS
+    assert np.array_equal(folds[:400], folds[400:])
+
+
+def test_each_fold_is_foretold_without_it(rows):
+    asked = []
+
+    def refit(fold):
+        asked.append(fold)
+        kept = assign_folds(rows.time) != fold
+        return np.linalg.lstsq(rows.design[kept], rows.torque[kept], rcond=None)[0]
+
+    choose_candidate([MethodCandidate(name="one", refit=refit, spread=0.0)], rows, np.array([0.5, 0.5]))
+    assert asked == list(range(FOLDS))

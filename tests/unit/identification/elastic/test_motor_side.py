@@ -1,0 +1,154 @@
+"""Elastic robots seen from the motor side alone: what is identified, and what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symid.codegen.cache import prepare_library
+from symid.errors import LogError
+from symid.identification.elastic.routing import (
+    build_motor_recording,
+    build_rigid_variant,
+    check_motor_side,
+    has_both_encoders,
+    list_unseen,
+    refuse_elasticity,
+    warn_of_rotors,
+)
+from symid.identification.estimators.estimate import Outcome, ParameterEstimate
+from symid.identification.rigid.fit import identify_parameters
+from symid.logs.recording import Recording
+from symid.robot.description import LogMap, LogQuantity
+from symid.robot.loading import locate_robot_file
+from symid.robot.toml_reader import read_robot
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return read_robot(locate_robot_file("two_link_elastic"))
+
+
+def make_recording(**more):
+    time = np.arange(10_000) * 1e-3
+    w = 2.0 * np.pi * np.array([[0.3, 0.7], [0.45, 1.1]])
+    angle = w * time[:, None, None] + np.array([[0.0, 1.0], [2.0, 0.5]])
+    q = 0.4 * np.sin(angle).sum(axis=2)
+    return Recording(time=time, position=q, torque=np.ones_like(q), source="run", **more)
+
+
+def test_the_rigid_variant_has_its_rotors_among_the_base_parameters(arm):
+    variant = build_rigid_variant(arm)
+    assert not any(variant.elastic)
+    names = {card.name: card.expression for card in prepare_library(variant).card.beta}
+    assert "IA1" in names["ZZR1"]
+    assert not prepare_library(variant).card.rotors
+
+
+def test_what_is_not_seen_is_refused_with_its_reason(arm):
+    unseen = dict(list_unseen(arm))
+    assert list(unseen) == [
+        "stiffness1",
+        "hysteresis1",
+        "IA1 apart from the link",
+        "stiffness2",
+        "hysteresis2",
+        "IA2 apart from the link",
+    ]
+    assert "torsion is not seen" in unseen["stiffness1"]
+    assert "loop" in unseen["hysteresis1"]
+    assert "sum" in unseen["IA1 apart from the link"]
+    assert list_unseen(build_rigid_variant(arm)) == ()
+    mixed = replace(arm, joints=(arm.joints[0], replace(arm.joints[1], elasticity=None)))
+    assert [name for name, _ in list_unseen(mixed, both=True)] == [
+        "stiffness1",
+        "hysteresis1",
+        "IA1 apart from the link",
+    ]
+    assert all("rigid joints besides" in reason for _, reason in list_unseen(mixed, both=True))
+
+
+def test_the_rigid_part_is_identified(arm):
+    variant = build_rigid_variant(arm)
+    library = prepare_library(variant)
+    recording = make_recording()
+    time = recording.time
+    w = 2.0 * np.pi * np.array([[0.3, 0.7], [0.45, 1.1]])
+    angle = w * time[:, None, None] + np.array([[0.0, 1.0], [2.0, 0.5]])
+    dq, ddq = 0.4 * (w * np.cos(angle)).sum(axis=2), -0.4 * (w**2 * np.sin(angle)).sum(axis=2)
+    truth = np.array([card.value for card in library.card.beta])
+    (regressor,) = library.evaluate("torque_regressor", recording.position, dq, ddq)
+    (friction,) = library.evaluate("friction_regressor", dq)
+    values = np.array([card.value for card in library.card.friction])
+    measured = Recording(
+        time=time, position=recording.position, torque=regressor @ truth + friction @ values, source="run"
+    )
+    estimate = refuse_elasticity(identify_parameters(library, [measured], variant.processing), arm)
+    found = estimate.assemble(tuple(card.name for card in library.card.beta))
+    np.testing.assert_allclose(found, truth, atol=2e-3)
+    assert estimate.outcome is Outcome.SOME_REFUSED
+    assert len(estimate.refused) == 6
+    assert estimate.notices[0].code == "elastic.motor-side"
+
+
+def test_one_encoder_is_told_from_two():
+    recording = make_recording()
+    assert not has_both_encoders([recording])
+    both = make_recording(motor_position=recording.position)
+    assert has_both_encoders([both])
+    assert not has_both_encoders([both, recording])
+
+
+def test_elastic_joints_take_the_position_of_their_motors(arm):
+    q = make_recording().position
+    recording = make_recording(motor_position=q + 0.01)
+    whole = build_motor_recording(recording, arm)
+    np.testing.assert_array_equal(whole.position, q + 0.01)
+    assert whole.motor_position is None
+    assert whole.notices[-1].code == "log.motor-position"
+    mixed = replace(arm, joints=(arm.joints[0], replace(arm.joints[1], elasticity=None)))
+    part = build_motor_recording(recording, mixed)
+    np.testing.assert_array_equal(part.position, q + np.array([0.01, 0.0]))
+    rigid = build_rigid_variant(arm)
+    assert build_motor_recording(recording, rigid) is recording
+    # A channel that never moves is no encoder.
+    dead = np.column_stack([np.zeros(len(q)), q[:, 1] + 0.01])
+    kept = build_motor_recording(make_recording(motor_position=dead), arm)
+    np.testing.assert_array_equal(kept.position, q + np.array([0.0, 0.01]))
+
+
+@pytest.mark.parametrize(
+    ("log", "refused"),
+    [
+        (LogMap(), False),
+        (LogMap(position=LogQuantity(columns=("q",), unit="rad")), False),
+        (LogMap(position=LogQuantity(columns=("link_position",), unit="rad")), True),
+        (LogMap(position=LogQuantity(columns=("link_position_1", "link_position_2"), unit="rad")), True),
+        (
+            LogMap(
+                position=LogQuantity(columns=("a", "b"), unit="rad"),
+                link_position=LogQuantity(columns=("a", "b"), unit="rad"),
+            ),
+            True,
+        ),
+    ],
+)
+def test_positions_of_links_are_no_motor_side(arm, log, refused):
+    robot = replace(arm, log=log)
+    if not refused:
+        check_motor_side(robot, [make_recording()])
+        return
+    with pytest.raises(LogError, match="friction and rotors turn with the motors") as caught:
+        check_motor_side(robot, [make_recording()])
+    assert [notice.code for notice in caught.value.notices] == ["elastic.link-side"]
+
+
+def test_a_negative_rotor_is_told():
+    values = {"IA1": 0.2, "IA2": -0.01, "IA12": -1.0, "MY1": -0.3, "Fv1": -1.0}
+    entries = [
+        ParameterEstimate(name=name, value=value, std=0.1, unit="kg m^2") for name, value in values.items()
+    ]
+    (notice,) = warn_of_rotors(entries)
+    assert notice.code == "elastic.negative-rotor"
+    assert "IA2, IA12;" in notice.text
+    assert warn_of_rotors(entries[:1]) == ()

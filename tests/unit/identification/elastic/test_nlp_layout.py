@@ -1,0 +1,110 @@
+"""Unknowns of the hysteresis-plus-friction problem: names, bounds, springs that they stand for."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from symid.identification.elastic.nlp_cost import (
+    SpringGrid,
+    build_layout,
+    build_spring,
+    build_start,
+    draw_start,
+    flatten_slopes,
+    list_weights,
+)
+from symid.identification.elastic.nlp_rows import NlpOptions
+from symid.robot.elasticity import Elasticity, Knee, Stop
+
+
+def name(*names):
+    return tuple(SimpleNamespace(name=entry) for entry in names)
+
+
+CARD = SimpleNamespace(beta=name("ZZ1"), rotors=name("IA1"), friction=name("Fv1", "Fc1", "offset1"), size=1)
+GRID = SpringGrid(
+    thresholds=np.array([0.01, 0.02, 0.05]), knees=(-3.0, -1.0, 1.0, 2.0), stiffness=100.0, reach=0.04
+)
+
+
+def test_names_bounds_and_places():
+    layout = build_layout(CARD, [GRID], NlpOptions(stribeck=True, speeds=(0.01, 1.0)))
+    assert layout.names[:7] == ("ZZ1", "IA1", "Fv1", "Fc1", "offset1", "Fs1", "vs1")
+    assert layout.names[7:11] == ("k0 of joint 1", "k1 of joint 1", "k2 of joint 1", "k3 of joint 1")
+    assert layout.names[11:13] == ("slope beyond -1 of joint 1", "slope beyond -3 of joint 1")
+    np.testing.assert_array_equal(layout.lower[:7], [-np.inf, 0, 0, 0, -np.inf, 0, 0.01])
+    np.testing.assert_allclose(layout.lower[7:], [0.1, 0, 0, 0, *[0.05] * 4])
+    # The last stop is beyond the largest torsion: it cannot be told from k0, and has no weight.
+    np.testing.assert_allclose(layout.upper[7:], [1e4, 1e4, 1e4, 0, *[20.0] * 4])
+    assert layout.size == 15
+
+
+def test_a_joint_whose_file_states_no_rotor_has_one_nevertheless():
+    card = SimpleNamespace(beta=CARD.beta, rotors=(), friction=CARD.friction, size=1)
+    layout = build_layout(card, [GRID], NlpOptions())
+    assert layout.names == build_layout(CARD, [GRID], NlpOptions()).names
+    assert len(layout.lower) == len(layout.upper) == layout.size
+    assert layout.lower[1] == 0.0
+
+
+def test_slopes_become_changes_of_slope():
+    layout = build_layout(CARD, [GRID], NlpOptions())
+    x = np.zeros(layout.size)
+    x[layout.springs[0].weights] = [80.0, 20.0, 1e-12, 0.0]
+    x[layout.springs[0].slopes] = [1.5, 1.25, 2.0, 2.0]
+    spring = build_spring(layout.springs[0], x, 1e-9)
+    assert spring.stops == (Stop(threshold=0.01, stiffness=20.0),)
+    assert spring.knees == (
+        Knee(threshold=-3.0, slope=-0.25),
+        Knee(threshold=-1.0, slope=0.5),
+        Knee(threshold=1.0, slope=1.0),
+    )
+
+
+def test_odd_springs_share_their_slopes():
+    grid = SpringGrid(thresholds=np.array([0.01]), knees=(-2.0, -1.0, 1.0, 2.0), stiffness=100.0, reach=0.04)
+    layout = build_layout(CARD, [grid], NlpOptions(odd=True))
+    assert layout.names[-2:] == ("slope beyond +-1 of joint 1", "slope beyond +-2 of joint 1")
+    x = np.zeros(layout.size)
+    x[layout.springs[0].weights], x[layout.springs[0].slopes] = [80.0, 20.0], [1.5, 2.5]
+    knees = build_spring(layout.springs[0], x, 0.0).knees
+    assert [(knee.threshold, knee.slope) for knee in knees] == [(-2, 1.0), (-1, 0.5), (1, 0.5), (2, 1.0)]
+
+
+def test_a_knee_that_is_not_reached_changes_nothing():
+    layout = build_layout(CARD, [GRID], NlpOptions())
+    x = np.zeros(layout.size)
+    place = layout.springs[0].slopes
+    x[place] = [1.5, 9.0, 7.0, 8.0]
+    flat = flatten_slopes(layout, x, [layout.names[place.start + k] for k in (1, 2, 3)])
+    np.testing.assert_array_equal(flat[place], [1.5, 1.5, 1.0, 1.0])
+
+
+def test_a_start_is_the_spring_itself_or_shares_of_a_linear_one():
+    layout = build_layout(CARD, [GRID], NlpOptions())
+    spring = Elasticity(
+        stiffness=70.0,
+        stops=(Stop(threshold=0.02, stiffness=30.0),),
+        knees=(
+            Knee(threshold=-1.0, slope=0.5),
+            Knee(threshold=1.0, slope=1.0),
+            Knee(threshold=2.0, slope=0.5),
+        ),
+    )
+    x = build_start(layout, np.arange(5.0), [spring])
+    np.testing.assert_array_equal(x[layout.springs[0].weights], [70.0, 0.0, 30.0, 0.0])
+    np.testing.assert_array_equal(x[layout.springs[0].slopes], [1.5, 1.5, 2.0, 2.5])
+    linear = list_weights(Elasticity(stiffness=100.0), GRID.thresholds)
+    assert linear.sum() == pytest.approx(100.0)
+    assert np.all(linear > 0.0)
+
+
+def test_random_starts_are_feasible_and_of_their_generator():
+    layout = build_layout(CARD, [GRID], NlpOptions(stribeck=True))
+    x = build_start(layout, np.array([1.0, 0.2, 0.3, 0.4, 0.0]), [Elasticity(stiffness=100.0)])
+    starts = [draw_start(layout, x, np.random.default_rng(seed)) for seed in (1, 1, 2)]
+    np.testing.assert_array_equal(starts[0], starts[1])
+    assert not np.allclose(starts[0], starts[2])
+    for start in starts:
+        assert np.all((start >= layout.lower) & (start <= layout.upper))

@@ -1,0 +1,29 @@
+"""Options of the hysteresis-plus-friction problem: all that is wrong is said at once."""
+
+import pytest
+
+from symid.errors import UsageError
+from symid.identification.elastic.nlp_rows import NlpOptions
+
+
+def test_all_mistakes_are_reported_together():
+    with pytest.raises(UsageError) as refused:
+        NlpOptions(
+            rows=("energy", "energy", "power"),
+            hessian="bfgs",
+            speeds=(1.0, 0.1),
+            slopes=(1.5, 3.0),
+            weight_limit=0.0,
+            smoothing=-1.0,
+            rounds=-1,
+            iterations=0,
+        )
+    notices = refused.value.notices
+    assert {notice.code for notice in notices} == {"usage.nlp-option"}
+    words = ("some of", "each kind once", "bfgs", "speeds", "slopes", "weight_limit", "smoothing", "rounds")
+    for word in (*words, "iterations"):
+        assert any(word in notice.text for notice in notices), word
+
+
+def test_the_defaults_are_allowed():
+    assert NlpOptions().rows == ("energy", "momentum")

@@ -1,0 +1,77 @@
+"""Step means of knees: against fine sampling of the straight line between samples, and finite differences."""
+
+import numpy as np
+import pytest
+
+from symid.identification.elastic.nlp_rows import build_knee_steps
+from symid.joint_models.prandtl_ishlinskii import compute_stop_basis
+
+KNEES = ((-0.8, 1), (-0.3, 0), (0.25, 2), (0.8, 1))
+SLOPES = np.array([0.5, -0.2, 0.7])
+WEIGHTS = np.array([0.6, 0.4, 0.5])
+
+
+def make():
+    t = np.linspace(0.0, 9.0, 400)
+    phi = np.sin(3.0 * t) * np.cos(0.7 * t)
+    basis = compute_stop_basis(phi, np.array([0.1, 0.4]))
+    return basis, (basis[1:] + basis[:-1]) / 2.0
+
+
+def find(weights):
+    return build_knee_steps(*make(), weights, KNEES)
+
+
+def test_means_are_those_of_the_dead_zones_along_each_step():
+    basis, _ = make()
+    torque = basis @ WEIGHTS
+    fine = torque[:-1, None] + np.diff(torque)[:, None] * ((np.arange(2000) + 0.5) / 2000.0)
+    expected = np.zeros((len(fine), 3))
+    for knee, slot in KNEES:
+        zone = np.maximum(fine - knee, 0.0) if knee > 0 else np.minimum(fine - knee, 0.0)
+        expected[:, slot] += zone.mean(axis=1)
+    np.testing.assert_allclose(find(WEIGHTS).find_means(), expected, atol=1e-8)
+    assert sum(knee.crossings.size for knee in find(WEIGHTS).passes) > 20
+
+
+def test_slopes_are_the_derivatives_by_the_weights():
+    found = find(WEIGHTS).find_slopes(SLOPES)
+    for column, step in enumerate(1e-6 * np.eye(3)):
+        before, after = (find(WEIGHTS + sign * step).find_means() @ SLOPES for sign in (-1.0, 1.0))
+        np.testing.assert_allclose(found[:, column], (after - before) / 2e-6, atol=2e-5)
+
+
+def test_cross_terms_and_curvature_are_the_derivatives_of_the_slopes():
+    rng = np.random.default_rng(0)
+    multipliers = rng.normal(size=399)
+    steps = find(WEIGHTS)
+    slopes = np.eye(3)
+    for slot in range(3):
+        expected = multipliers @ steps.find_slopes(slopes[slot])
+        np.testing.assert_allclose(steps.find_cross(multipliers)[:, slot], expected, rtol=1e-12)
+    curvature = steps.find_curvature(multipliers, SLOPES)
+    np.testing.assert_allclose(curvature, curvature.T, rtol=1e-12)
+    size = 1e-7
+    for column, step in enumerate(size * np.eye(3)):
+        before, after = (
+            multipliers @ find(WEIGHTS + sign * step).find_slopes(SLOPES) for sign in (-1.0, 1.0)
+        )
+        np.testing.assert_allclose(
+            (after - before) / (2.0 * size), curvature[:, column], rtol=1e-4, atol=1e-4
+        )
+
+
+def test_a_spring_without_knees_has_no_steps():
+    steps = build_knee_steps(*make(), WEIGHTS, ())
+    assert steps.find_means().shape == (399, 0)
+    assert not steps.find_slopes(np.zeros(0)).any()
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_one_crossing_by_hand(side):
+    basis = side * np.array([[-1.0], [3.0]])
+    (knee,) = build_knee_steps(basis, basis[:1] + 2.0 * side, np.ones(1), ((side * 1.0, 0),)).passes
+    # Half of the step lies beyond the knee and reaches 2: the mean is 2 * 0.5 / 2.
+    assert knee.mean == pytest.approx([side * 0.5])
+    assert (knee.place[0], abs(knee.width[0])) == (pytest.approx(0.5), pytest.approx(4.0))
+    assert (knee.start[0], knee.end[0]) == (pytest.approx(0.125), pytest.approx(0.375))

@@ -1,0 +1,188 @@
+"""Springs found again from the torque that they gave."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symid.identification.elastic.spring_fit import (
+    build_knee_grid,
+    compute_filtered_torque,
+    filter_parts,
+    fit_spring,
+    fit_stops,
+    follow_spring,
+    prepare_spring_data,
+    refine_spring,
+    solve_non_negative,
+    thin_samples,
+)
+from symid.identification.hysteresis.prandtl_ishlinskii_fit import (
+    LEAST_KNEE,
+    SpringWeights,
+    build_elasticity,
+    compute_local_slopes,
+    compute_ramps,
+    hold_knees,
+)
+from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque
+
+PERIOD, RATE = 2e-3, 60.0
+KEEP = slice(500, None, 1)
+GRID = np.array([0.002, 0.005, 0.010])
+TRUE = SpringWeights(
+    thresholds=GRID,
+    stiffness=np.array([380.0, 120.0, 60.0, 40.0]),
+    below=np.array([-3.0]),
+    above=np.array([2.0, 5.0]),
+    below_slopes=np.array([1.5]),
+    above_slopes=np.array([1.4, 0.7]),
+)
+
+
+@pytest.fixture(scope="module")
+def phi():
+    time = np.arange(6000) * PERIOD
+    slow = 0.012 * np.sin(2.0 * np.pi * 0.3 * time) + 0.008 * np.sin(2.0 * np.pi * 0.83 * time + 0.4)
+    return slow * np.minimum(1.0, time)
+
+
+@pytest.fixture(scope="module")
+def data(phi):
+    return prepare_spring_data([phi], [KEEP], GRID, RATE, [PERIOD])
+
+
+@pytest.fixture(scope="module")
+def target(data):
+    return compute_filtered_torque(data, TRUE)
+
+
+def test_weights_and_their_record_give_the_same_torque(data, phi, target):
+    torque = compute_hysteresis_torque(build_elasticity(TRUE), phi)
+    assert np.allclose(filter_parts(data, [thin_samples(torque, KEEP)]), target, atol=1e-12)
+
+
+def test_slopes_are_the_derivative_of_the_outer_function():
+    inner = np.linspace(-8.0, 8.0, 4001)
+    outer = inner + compute_ramps(inner, TRUE) @ (TRUE.slopes - 1.0)
+    middle = (inner[1:] + inner[:-1]) / 2.0
+    inside = np.all(np.abs(middle[:, None] - np.array([-3.0, 2.0, 5.0])) > 0.01, axis=1)
+    slope = np.diff(outer) / np.diff(inner)
+    assert np.allclose(slope[inside], compute_local_slopes(middle, TRUE)[inside], atol=1e-9)
+
+
+def test_stops_alone_are_found_exactly(data):
+    plain = SpringWeights(
+        thresholds=data.thresholds,
+        stiffness=TRUE.stiffness,
+        below=np.zeros(0),
+        above=np.zeros(0),
+        below_slopes=np.zeros(0),
+        above_slopes=np.zeros(0),
+    )
+    assert np.allclose(
+        fit_stops(data, compute_filtered_torque(data, plain)).stiffness, TRUE.stiffness, rtol=1e-9
+    )
+
+
+def test_knees_at_their_places_are_found_with_the_stops(data, target):
+    start = fit_stops(data, target)
+    start = SpringWeights(
+        thresholds=data.thresholds,
+        stiffness=start.stiffness,
+        below=TRUE.below,
+        above=TRUE.above,
+        below_slopes=np.ones(1),
+        above_slopes=np.ones(2),
+    )
+    found = fit_spring(data, target, start, tolerance=1e-14, iterations=40)
+    assert np.allclose(found.stiffness, TRUE.stiffness, rtol=1e-4)
+    assert np.allclose(found.slopes, TRUE.slopes, rtol=1e-4)
+
+
+def refine(phi, target, *, stops=8, knees=4):
+    """Return the spring that a grid of so many stops and knees a side leads to."""
+    grid = np.arange(1, stops + 1) / (stops + 1.0) * np.abs(phi).max()
+    data = prepare_spring_data([phi], [KEEP], grid, RATE, [PERIOD])
+    start = fit_stops(data, target)
+    below, above = build_knee_grid(data, start.stiffness, knees)
+    start = SpringWeights(
+        thresholds=data.thresholds,
+        stiffness=start.stiffness,
+        below=below,
+        above=above,
+        below_slopes=np.ones(knees),
+        above_slopes=np.ones(knees),
+    )
+    found = refine_spring(data, target, fit_spring(data, target, start))
+    found = follow_spring(data, target, found, tolerance=1e-9)
+    return found, compute_filtered_torque(data, found)
+
+
+def test_positions_are_found_from_a_grid(phi, target):
+    found, torque = refine(phi, target)
+    error = torque - target
+    assert np.linalg.norm(error) < 3e-3 * np.linalg.norm(target)
+    assert len(found.thresholds) <= 5
+    assert found.knees <= 6
+    whole = build_elasticity(found)
+    assert whole.initial_stiffness == pytest.approx(600.0, rel=0.02)
+
+
+@pytest.mark.parametrize("torque", [0.01, 0.05])
+def test_a_knee_at_hardly_any_torque_does_not_set_the_scale(phi, data, torque):
+    """Beyond it the true spring is stiffer by half: that is the stiffness at small torsion."""
+    knees = {
+        "below": np.array([-torque]),
+        "above": np.array([torque]),
+        "below_slopes": np.array([1.5]),
+        "above_slopes": np.array([1.5]),
+    }
+    true = replace(TRUE, thresholds=data.thresholds, **knees)
+    target = compute_filtered_torque(data, true)
+    found, reached = refine(phi, target)
+    assert np.linalg.norm(reached - target) < 1e-3 * np.linalg.norm(target)
+    places = np.abs(np.concatenate([found.below, found.above]))
+    assert np.all(places > 0.9 * LEAST_KNEE * np.abs(target).max() / 1.5)
+    assert build_elasticity(found).initial_stiffness > 800.0
+    assert len(found.thresholds) <= 4
+
+
+def test_knees_are_held_away_from_zero_torque_in_their_order():
+    held = hold_knees(np.array([0.001, 0.002, 5.0]), 10.0)
+    assert np.allclose(held, [0.3, 0.33, 5.0])
+    assert np.allclose(hold_knees(np.array([-0.001, -4.0]), 10.0), [-0.3, -4.0])
+
+
+@pytest.mark.parametrize(("stops", "knees"), [(0, 4), (8, 0), (0, 0)])
+def test_none_means_none(phi, target, stops, knees):
+    found, _ = refine(phi, target, stops=stops, knees=knees)
+    assert len(found.thresholds) == 0 or stops
+    assert found.knees == 0 or knees
+
+
+def test_knee_grids_lie_between_zero_and_the_torque_reached(data):
+    below, above = build_knee_grid(data, TRUE.stiffness, 3)
+    inner = data.basis[0] @ TRUE.stiffness
+    assert np.allclose(below, inner.min() * np.array([1, 3, 5]) / 6.0)
+    assert np.allclose(above, inner.max() * np.array([1, 3, 5]) / 6.0)
+
+
+def test_non_negative_least_squares_leaves_out_what_would_be_negative():
+    matrix = np.array([[1.0, 1.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
+    found = solve_non_negative(matrix, np.array([1.0, -1.0, 2.0]))
+    assert np.allclose(found, [1.5, 0.0, 0.0])
+
+
+def test_a_spring_that_would_not_rise_gets_a_rest(data):
+    weights = SpringWeights(
+        thresholds=GRID,
+        stiffness=np.array([0.0, 100.0, 0.0, 0.0]),
+        below=np.zeros(0),
+        above=np.zeros(0),
+        below_slopes=np.zeros(0),
+        above_slopes=np.zeros(0),
+    )
+    spring = build_elasticity(weights)
+    assert 0.0 < spring.stiffness < 1e-3
+    assert [stop.threshold for stop in spring.stops] == [0.002]

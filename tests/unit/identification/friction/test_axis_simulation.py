@@ -1,0 +1,234 @@
+"""An axis on static friction: closed forms in mpmath, SciPy's integrator with events, differences."""
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+from scipy.integrate import solve_ivp
+
+from symid.errors import UsageError
+from symid.identification.friction.output_error import (
+    AxisModel,
+    compute_axis_rates,
+    compute_axis_terms,
+    compute_force_columns,
+    simulate_axis,
+)
+from symid.joint_models.friction_catalogue import get_law
+from symid.joint_models.friction_law import compute_friction_torque
+
+PERIOD = 1e-3
+SYMMETRIC = AxisModel(law=get_law("coulomb-viscous-offset"))
+ASYMMETRIC = AxisModel(law=get_law("asymmetric"))
+
+
+def move_exactly(axis, force, speed, time):
+    """Return displacement and speed after `time` in one direction, in 50 digits; axis: mass, viscous, dry."""
+    with mpmath.workdps(50):
+        m, f, c, u, v, t = (mpmath.mpf(value) for value in (*axis, force, speed, time))
+        final = (u - c) / f
+        fall = mpmath.exp(-f * t / m)
+        return final * t + (v - final) * m / f * (1 - fall), final + (v - final) * fall
+
+
+def find_rest_exactly(axis, force, speed):
+    with mpmath.workdps(50):
+        m, f, c, u, v = (mpmath.mpf(value) for value in (*axis, force, speed))
+        final = (u - c) / f
+        return m / f * mpmath.log((final - v) / final)
+
+
+def test_motion_in_one_direction_is_exact():
+    values = np.array([95.0, 200.0, 20.0, -3.0])
+    position, speed = simulate_axis(SYMMETRIC, values, np.full(2001, 60.0), PERIOD, (0.1, 0.02, 0.0))
+    for k in (1, 37, 2000):
+        # Times of the steps are sums of the double nearest to 1 ms.
+        way, final = move_exactly((95.0, 200.0, 17.0), 60.0, 0.02, k * mpmath.mpf(PERIOD))
+        assert position[k] == pytest.approx(float(way + mpmath.mpf(0.1)), rel=1e-13)
+        assert speed[k] == pytest.approx(float(final), rel=1e-12)
+
+
+def test_rest_within_a_step_then_motion_the_other_way_is_exact():
+    values = np.array([95.0, 160.0, 20.0, 240.0, 21.0])
+    force = np.full(601, -80.0)
+    rest = find_rest_exactly((95.0, 160.0, 20.0), -80.0, 0.12)
+    assert 0.0 < rest / PERIOD % 1 < 1.0
+    way_out, stopped = move_exactly((95.0, 160.0, 20.0), -80.0, 0.12, rest)
+    assert abs(stopped) < 1e-30
+    position, speed = simulate_axis(ASYMMETRIC, values, force, PERIOD, (0.0, 0.12, 0.0))
+    way_back, final = move_exactly((95.0, 240.0, -21.0), -80.0, 0.0, 600 * mpmath.mpf(PERIOD) - rest)
+    assert position[-1] == pytest.approx(float(way_out + way_back), abs=1e-14)
+    assert speed[-1] == pytest.approx(float(final), rel=1e-12)
+
+
+def test_the_axis_comes_to_rest_and_stays():
+    values = np.array([95.0, 200.0, 20.0, -3.0])
+    position, speed = simulate_axis(SYMMETRIC, values, np.full(3001, 5.0), PERIOD, (0.0, 0.2, 0.0))
+    rest = find_rest_exactly((95.0, 200.0, 17.0), 5.0, 0.2)
+    way, _ = move_exactly((95.0, 200.0, 17.0), 5.0, 0.2, rest)
+    stopped = int(np.ceil(float(rest) / PERIOD))
+    assert np.all(speed[stopped:] == 0.0)
+    assert np.all(position[stopped:] == position[stopped])
+    assert position[-1] == pytest.approx(float(way), rel=1e-13)
+
+
+@pytest.mark.parametrize(("force", "direction"), [(16.9, 0), (17.1, 1), (-22.9, 0), (-23.1, -1)])
+def test_breaking_away_takes_the_force_of_that_side(force, direction):
+    values = np.array([95.0, 200.0, 20.0, -3.0])
+    _, speed = simulate_axis(SYMMETRIC, values, np.full(11, force), PERIOD, (0.0, 0.0, 0.0))
+    assert np.sign(speed[-1]) == direction
+
+
+def find_reference(model, values, force, start):
+    """Return positions at the samples by an adaptive integrator, restarted at each sample and at rest."""
+    law, linear = model.law, len(model.law.linear)
+    own, beside = values[1 : 1 + linear], values[1 + linear : 1 + linear + len(model.terms)]
+    shape = values[1 + linear + len(model.terms) :]
+
+    def brake(time, place, speed, drive):
+        inputs = {"velocity": speed, "position": place, "time": time, "load": drive}
+        arrays = {name: np.array([value]) for name, value in inputs.items()}
+        total = compute_friction_torque(law, arrays, own, shape)[0]
+        terms = compute_axis_terms(model.terms, arrays)
+        return total + sum(value * column[0] for value, column in zip(beside, terms, strict=True))
+
+    place, speed, time = start
+    found = [place]
+    for k, drive in enumerate(force[:-1]):
+        now, end = time + k * PERIOD, time + (k + 1) * PERIOD
+        while now < end:
+            if speed == 0.0:
+                if drive > brake(now, place, 1e-14, drive):
+                    side = 1.0
+                elif drive < brake(now, place, -1e-14, drive):
+                    side = -1.0
+                else:
+                    break
+            else:
+                side = np.sign(speed)
+
+            def slope(t, y, drive=drive, side=side):
+                near = side * max(side * y[1], 1e-14)
+                return [y[1], (drive - brake(t, y[0], near, drive)) / values[0]]
+
+            def crossing(_t, y, side=side):
+                return side * y[1]
+
+            crossing.terminal, crossing.direction = True, -1.0
+            events = None if speed == 0.0 else crossing
+            run = solve_ivp(
+                slope, (now, end), [place, speed], method="DOP853", rtol=1e-11, atol=1e-15, events=events
+            )
+            now, place, speed = run.t[-1], run.y[0, -1], run.y[1, -1]
+            if run.status == 1:
+                speed = 0.0
+        found.append(place)
+    return np.array(found)
+
+
+CASES = {
+    "stribeck": ([95.0, 200.0, 20.0, 6.0, -3.0, 0.03], ("offset",)),
+    "asymmetric-stribeck": ([95.0, 160.0, 20.0, 230.0, 21.0, -3.5, 0.029], ()),
+    "stribeck+cubic": ([95.0, 150.0, 20.0, -3.0, 100.0, 900.0, 0.03], ()),
+    "load-dependent": ([95.0, 180.0, 15.0, 0.1, -3.0], ("offset",)),
+    "coulomb-viscous": (
+        [95.0, 190.0, 20.0, -3.0, -2.0, 60.0, -8.0, 30.0],
+        ("offset", "drift", "spring", "slope", "bend"),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_other_laws_meet_an_adaptive_integrator(name):
+    numbers, terms = CASES[name]
+    model, values = AxisModel(law=get_law(name), terms=terms), np.array(numbers)
+    time = PERIOD * np.arange(401)
+    force = 90.0 * np.sin(2.0 * np.pi * 2.5 * time + 0.3)
+    start = (0.05, -0.01, 0.7)
+    expected = find_reference(model, values, force, start)
+    way = np.ptp(expected)
+    once, _ = simulate_axis(model, values, force, PERIOD, start)
+    fine, _ = simulate_axis(model, values, force, PERIOD, start, substeps=8)
+    assert np.max(np.abs(once - expected)) < 1e-5 * way
+    assert np.max(np.abs(fine - expected)) < 2e-7 * way
+
+
+def test_smooth_dry_friction_is_stable_and_tends_to_the_plain_one():
+    values = np.array([95.0, 200.0, 20.0])
+    time = PERIOD * np.arange(2001)
+    force = 80.0 * np.sin(6.0 * time)
+    plain, _ = simulate_axis(
+        AxisModel(law=get_law("coulomb-viscous")), values, force, PERIOD, (0.0, 0.0, 0.0)
+    )
+    errors = []
+    for smoothing in (1e-2, 1e-3, 1e-4):
+        smooth = AxisModel(law=get_law("coulomb-viscous", smoothing=smoothing))
+        found, _ = simulate_axis(smooth, values, force, PERIOD, (0.0, 0.0, 0.0), substeps=20)
+        errors.append(np.max(np.abs(found - plain)))
+    # In proportion to the smoothing speed, but for the logarithm of the time that leaving rest takes.
+    assert errors[1] < errors[0] / 5.0
+    assert errors[2] < errors[1] / 5.0
+    assert errors[2] < 3e-3 * np.ptp(plain)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_rates_are_the_slopes_of_the_simulation(name):
+    numbers, terms = CASES[name]
+    model, values = AxisModel(law=get_law(name), terms=terms), np.array(numbers)
+    force = 90.0 * np.sin(2.0 * np.pi * 2.5 * PERIOD * np.arange(401) + 0.3)
+    start = (0.05, -0.01, 0.7)
+    position, rates = compute_axis_rates(model, values, force, PERIOD, start)
+    assert np.array_equal(position, simulate_axis(model, values, force, PERIOD, start)[0])
+    for k, value in enumerate(values):
+        step = 1e-5 * abs(value)
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = values.copy()
+            moved[k] += sign * step
+            ends.append(simulate_axis(model, moved, force, PERIOD, start)[0])
+        slope = (ends[0] - ends[1]) / (2.0 * step)
+        assert np.max(np.abs(slope - rates[:, k])) < 1e-6 * np.max(np.abs(slope)), model.parameters[k]
+
+
+def test_forces_of_a_simulated_motion_balance():
+    numbers, terms = CASES["coulomb-viscous"]
+    model, values = AxisModel(law=get_law("coulomb-viscous"), terms=terms), np.array(numbers)
+    time = 0.2 + PERIOD * np.arange(1001)
+    position, speed = simulate_axis(model, values, np.full(1001, 90.0), PERIOD, (0.0, 0.0, 0.2))
+    inputs = {"velocity": speed, "position": position, "time": time, "load": np.full(1001, 90.0)}
+    columns = np.column_stack([np.gradient(speed, PERIOD), compute_force_columns(model, inputs)])
+    assert (columns @ values)[2:-2] == pytest.approx(90.0, abs=1e-3)
+
+
+@given(
+    speed=st.floats(-0.5, 0.5),
+    values=st.tuples(st.floats(1.0, 200.0), *[st.floats(0.0, 300.0)] * 2, *[st.floats(0.1, 40.0)] * 2),
+)
+def test_without_force_the_axis_only_slows_down(speed, values):
+    mass, up, down, dry_up, dry_down = values
+    _, found = simulate_axis(
+        ASYMMETRIC, np.array([mass, up, dry_up, down, dry_down]), np.zeros(200), PERIOD, (0.0, speed, 0.0)
+    )
+    assert np.all(np.diff(np.abs(found)) <= 0.0)
+    assert np.all(found * speed >= 0.0)
+
+
+def test_one_sample_is_the_start():
+    position, speed = simulate_axis(SYMMETRIC, np.ones(4), np.ones(1), PERIOD, (0.3, 0.2, 0.0))
+    assert (position.tolist(), speed.tolist()) == ([0.3], [0.2])
+    assert compute_axis_rates(SYMMETRIC, np.ones(4), np.ones(1), PERIOD, (0.3, 0.2, 0.0))[1].tolist() == [
+        [0.0] * 4
+    ]
+
+
+@pytest.mark.parametrize("terms", [("offset",), ("wind",), ("drift", "drift")])
+def test_terms_that_cannot_stand(terms):
+    with pytest.raises(UsageError, match=r"terms (offset|wind|drift): each may stand once"):
+        AxisModel(law=get_law("coulomb-viscous-offset"), terms=terms)
+    assert AxisModel(law=get_law("asymmetric"), terms=("drift",)).name == "asymmetric + drift"
+
+
+def test_the_code_of_a_wrong_term():
+    with pytest.raises(UsageError) as caught:
+        AxisModel(law=get_law("coulomb"), terms=("wind",))
+    assert caught.value.notices[0].code == "usage.axis-term"

@@ -1,0 +1,134 @@
+"""One interface for all estimators: the same report, the same refusals of what cannot be fitted."""
+
+import numpy as np
+import pytest
+
+from symid.errors import IdentifiabilityError, SolverError, UsageError
+from symid.identification.friction import bounded_search as nlp
+from symid.identification.friction.estimators import ESTIMATORS, STOCHASTIC, fit_friction
+from symid.identification.friction.problem import FrictionOptions, build_problem
+from symid.joint_models.friction_catalogue import FRICTION_LAWS, get_law
+from symid.joint_models.friction_law import compute_columns
+from tests.frictions import build_cosines, draw_s1, draw_s2, draw_samples
+
+PHASE = 2.0 * np.pi * (np.arange(2000) + 0.5) / 1000
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_every_estimator_gives_the_same_report(estimator):
+    samples, law = draw_s1()
+    estimate = fit_friction(samples, law, estimator=estimator, generator=np.random.default_rng(2))
+    best = fit_friction(samples, law)
+    assert estimate.estimator == estimator
+    assert best.objective <= estimate.objective * (1.0 + 1e-6)
+    assert estimate.objective <= best.objective * (1.0 + 1e-5)
+    assert [entry.name for entry in estimate.parameters] == ["fC", "fS", "vs", "fV"]
+    for entry, other in zip(estimate.parameters, best.parameters, strict=True):
+        assert abs(entry.value - other.value) < 0.1 * other.std
+        assert entry.std == pytest.approx(other.std, rel=0.01)
+    assert estimate.evaluations > 0
+    assert (estimate.solves == 0) == (estimator in STOCHASTIC)
+    assert estimate.history[-1] == pytest.approx(estimate.objective, rel=1e-6)
+    assert estimate.sigma == pytest.approx(np.sqrt(251.0 / 500), rel=0.1)
+
+
+def test_a_seed_stands_for_a_generator():
+    samples, law = draw_s1()
+    first, second = (
+        fit_friction(samples, law, estimator="genetic", options=FrictionOptions(seed=3)) for _ in range(2)
+    )
+    assert first == second
+
+
+@pytest.mark.parametrize("name", sorted(FRICTION_LAWS))
+def test_every_law_can_be_fitted(name):
+    law = FRICTION_LAWS[name]
+    velocity = build_cosines(0.1, 1.0)
+    load, position = 3.0 + 2.0 * np.cos(3.0 * PHASE), np.cos(PHASE)
+    physical = [entry.start or 5.0 + place for place, entry in enumerate(law.physical)]
+    if name == "improved-stribeck-h4":
+        physical[-1] = 0.01
+    samples = draw_samples(law, tuple(physical), velocity, noise=0.1, load=load, position=position)
+    estimate = fit_friction(samples, law)
+    assert estimate.solves <= 150
+    assert estimate.outcome.usable
+    columns = compute_columns(law, samples.inputs, estimate.shape)
+    errors = samples.torque - columns @ np.array(estimate.linear)
+    assert float(errors @ errors) == pytest.approx(estimate.objective, rel=1e-6)
+    assert estimate.sigma < 0.11
+
+
+def test_columns_beside_friction_and_a_filter_take_part():
+    law, velocity = get_law("improved-stribeck"), build_cosines(0.1, 1.0)
+    extra = np.column_stack([np.cos(PHASE), np.sin(0.7 * PHASE), np.cos(0.7 * PHASE)])
+    samples = draw_samples(
+        law,
+        (11.64, 23.19, 0.02767, 27.88, 0.47, 0.01),
+        velocity,
+        noise=0.0,
+        extra=extra,
+        extra_names=("J", "a", "b"),
+        extra_units=("kg m^2", "N m", "N m"),
+        reduce=lambda columns: columns[::2] + columns[1::2],
+    )
+    true = np.array([0.5, 3.0, -2.0])
+    samples = type(samples)(
+        **{**{n: getattr(samples, n) for n in samples.__slots__}, "torque": samples.torque + extra @ true}
+    )
+    estimate = fit_friction(samples, law)
+    assert estimate.samples == 1000
+    np.testing.assert_allclose([entry.value for entry in estimate.extra], true, atol=1e-5)
+    np.testing.assert_allclose(
+        [entry.value for entry in estimate.parameters], (11.64, 23.19, 0.02767, 27.88, 0.47, 0.01), rtol=1e-4
+    )
+    assert [entry.unit for entry in estimate.extra] == ["kg m^2", "N m", "N m"]
+
+
+def test_a_sliding_axis_has_its_own_units():
+    law = get_law("coulomb-viscous")
+    samples = draw_samples(law, (11.0, 20.0), build_cosines(0.5), noise=0.1, prismatic=True)
+    assert [entry.unit for entry in fit_friction(samples, law).parameters] == ["N", "N s/m"]
+
+
+def test_an_unknown_estimator_is_refused():
+    with pytest.raises(UsageError, match="did you mean genetic") as refused:
+        fit_friction(*draw_s1(), estimator="genetics")
+    assert refused.value.notices[0].code == "usage.friction-estimator"
+    with pytest.raises(UsageError, match=r"is called 'zzz'; there are varpro, root-finding"):
+        fit_friction(*draw_s1(), estimator="zzz")
+
+
+@pytest.mark.parametrize(
+    ("name", "velocity", "code", "error"),
+    [
+        ("load-dependent", build_cosines(0.5), "friction.input", UsageError),
+        ("stribeck", np.zeros(100), "friction.rest", IdentifiabilityError),
+        ("stribeck", np.array([0.1, 0.2, -0.3]), "friction.few-rows", IdentifiabilityError),
+    ],
+)
+def test_what_cannot_be_fitted_is_refused(name, velocity, code, error):
+    samples = draw_samples(get_law("coulomb"), (1.0,), velocity, noise=0.1)
+    with pytest.raises(error) as refused:
+        fit_friction(samples, get_law(name))
+    assert refused.value.notices[0].code == code
+
+
+def test_bounds_of_a_parameter_that_is_none_are_refused():
+    samples, law = draw_s1()
+    with pytest.raises(UsageError, match="shape values vs") as refused:
+        build_problem(samples, law, FrictionOptions(bounds=(("gamma", (1.0, 2.0)),)))
+    assert refused.value.notices[0].code == "friction.bounds"
+
+
+def test_bounds_are_kept():
+    samples, law = draw_s1()
+    estimate = fit_friction(samples, law, options=FrictionOptions(bounds=(("vs", (0.05, 0.1)),)))
+    assert estimate.shape == (pytest.approx(0.05),)
+
+
+def test_a_solver_that_fails_gives_no_numbers(monkeypatch):
+    ended = ("FAILED", "a function gave no finite number (Invalid_Number_Detected)")
+    monkeypatch.setattr(nlp, "find_ipopt_ending", lambda _: ended)
+    with pytest.raises(SolverError, match="Invalid_Number") as refused:
+        fit_friction(*draw_s2(), estimator="nlp")
+    assert refused.value.notices[0].code == "friction.solver"

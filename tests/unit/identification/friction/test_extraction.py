@@ -1,0 +1,246 @@
+"""From recordings to samples of one joint: the rigid part, poses, rows left out, folded periods."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from tests.unit.friction.cosine_rigs import BETA, DECIMATED, RATE, RAW, record
+
+from symid.errors import IdentifiabilityError, LogError
+from symid.identification.friction.extraction import (
+    extract_joint,
+    fold_recording,
+    list_independent,
+    prepare_joint_logs,
+)
+from symid.identification.friction.samples import build_friction_rows, select_friction_rows
+from symid.logs.recording import Recording
+from symid.robot.description import Processing
+from tests.recovery.closed_form import build_one_axis, build_two_link
+
+LIBRARY = build_two_link()
+
+
+def extract(*recordings, processing=RAW, **options):
+    logs = prepare_joint_logs(LIBRARY, recordings, processing)
+    return extract_joint(LIBRARY, logs, 0, **options)
+
+
+def fit(samples, columns):
+    rows = build_friction_rows(samples)
+    passed = samples.pass_columns(np.hstack([columns, samples.extra]))
+    solution = np.linalg.lstsq(passed, rows.torque, rcond=None)[0]
+    return solution, rows.torque - passed @ solution
+
+
+def plain_columns(samples):
+    return np.column_stack([samples.velocity, np.sign(samples.velocity), np.ones(samples.count)])
+
+
+@pytest.mark.parametrize("processing", [RAW, DECIMATED])
+def test_one_joint_alone_has_inertia_and_weight_fitted_along(processing):
+    found = extract(record(0.8, law="coulomb-viscous-offset", noise=0.0), processing=processing)
+    samples = found.samples
+    assert samples.extra_names == ("J", "a", "b")
+    assert samples.extra_units == ("kg m^2", "N m", "N m")
+    assert found.rigid == "the rigid part J ddq + a sin q + b cos q was fitted along"
+    solution, residual = fit(samples, plain_columns(samples))
+    # The effective inertia of the arm at this pose, by its closed form; G = 9.81, L = 0.5.
+    inertia = BETA[0] + BETA[3] + 2 * 0.5 * (BETA[4] * np.cos(0.4) - BETA[5] * np.sin(0.4))
+    assert solution[:3] == pytest.approx([1.1, 1.8, 0.25], abs=3e-3)
+    assert solution[3] == pytest.approx(inertia, rel=5e-3)
+    assert np.sqrt(np.mean(residual**2)) < 0.02
+
+
+def test_several_poses_take_the_columns_of_the_regressor():
+    recordings = [record(0.8, pose=(0.3, angle), noise=0.0) for angle in (-0.9, 0.4, 1.3)]
+    found = extract(*recordings)
+    assert set(found.samples.extra_names) <= {"ZZR1", "MXR1", "MY1", "ZZ2", "MX2", "MY2"}
+    assert len(found.samples.extra_names) > 3
+    assert "columns was fitted along" in found.rigid
+    assert sorted(set(found.samples.run.tolist())) == [0.0, 1.0, 2.0]
+
+
+def test_many_columns_are_warned_of():
+    def build(columns):
+        def evaluate(name, *inputs):
+            if name == "friction_regressor":
+                return LIBRARY.evaluate(name, *inputs)
+            found = np.zeros((len(inputs[0]), 2, 8))
+            found[:, 0, :columns] = np.sin(inputs[0][:, :1] * np.arange(1, columns + 1))
+            return (found,)
+
+        card = replace(LIBRARY.card, beta=LIBRARY.card.beta + LIBRARY.card.beta[:2])
+        return SimpleNamespace(card=card, evaluate=evaluate)
+
+    for columns, codes in ((4, []), (8, ["friction.many-columns"])):
+        library = build(columns)
+        logs = prepare_joint_logs(library, [record(0.8)], RAW)
+        assert [entry.code for entry in extract_joint(library, logs, 0).notices] == codes
+
+
+def test_known_base_parameters_are_subtracted():
+    found = extract(record(0.8, law="coulomb-viscous-offset", noise=0.0), beta=BETA)
+    samples = found.samples
+    assert samples.extra.shape[1] == 0
+    assert "subtracted" in found.rigid
+    expected = plain_columns(samples) @ [1.1, 1.8, 0.25]
+    moving = np.abs(samples.velocity) > 0.01
+    # Second differences of a cosine are off by (w h)^2 / 6.
+    assert np.allclose(samples.torque[moving], expected[moving], atol=2e-3)
+    rigid = LIBRARY.evaluate("torque_regressor", *[np.zeros((1, 2))] * 3)[0][0, 0] @ BETA
+    assert samples.load.mean() == pytest.approx(rigid, rel=0.5)
+
+
+def test_friction_that_is_not_the_joints_own_is_fitted_along():
+    class Coupled:
+        card = LIBRARY.card
+        functions = LIBRARY.functions
+
+        @staticmethod
+        def evaluate(name, *inputs):
+            (found,) = LIBRARY.evaluate(name, *inputs)
+            if name == "friction_regressor":
+                found[:, 0, 3] = inputs[0][:, 0] + inputs[0][:, 1]
+            return (found,)
+
+    logs = prepare_joint_logs(Coupled, [record(0.8)], RAW)
+    samples = extract_joint(Coupled, logs, 0).samples
+    assert samples.extra_names == ("J", "a", "b", LIBRARY.card.friction[3].name)
+
+
+def test_a_sliding_joint_has_a_mass():
+    time = np.arange(4000) * 1e-3
+    q = 0.1 * np.sin(3.0 * time)[:, None]
+    library = build_one_axis()
+    tau = 95.0 * -9.0 * q + 20.0 * np.sign(np.cos(3.0 * time))[:, None]
+    logs = prepare_joint_logs(library, [Recording(time=time, position=q, torque=tau)], RAW)
+    samples = extract_joint(library, logs, 0).samples
+    assert samples.prismatic
+    assert (samples.extra_names, samples.extra_units) == (("J",), ("kg",))
+
+
+def test_slow_rows_are_left_out_and_counted():
+    processing = Processing(drop_first=20, drop_last=20, standstill=0.2)
+    found = extract(record(0.8), processing=processing)
+    (notice,) = found.notices
+    assert notice.code == "identify.slow-rows"
+    rows = build_friction_rows(found.samples)
+    assert np.abs(rows.velocity).min() >= 0.2
+    whole = build_friction_rows(extract(record(0.8)).samples)
+    assert f"{int(np.sum(np.abs(whole.velocity) < 0.2))} of {len(whole.time)} rows" in notice.text
+    with pytest.raises(IdentifiabilityError) as caught:
+        extract(record(0.8), processing=Processing(standstill=2.0))
+    assert caught.value.notices[0].code == "friction.all-slow"
+
+
+def test_rows_keep_time_velocity_and_recording_behind_the_filter():
+    samples = extract(record(0.8), record(0.2), processing=DECIMATED).samples
+    rows = build_friction_rows(samples)
+    assert sorted(set(rows.run.tolist())) == [0, 1]
+    count = np.sum(rows.run == 1)
+    expected = samples.velocity[samples.run == 1]
+    first = len(expected) - 1 - 5 * (count - 1)
+    assert np.allclose(rows.velocity[rows.run == 1], expected[first::5], atol=2e-4)
+    kept = rows.run == 1
+    part = select_friction_rows(samples, kept)
+    assert np.array_equal(build_friction_rows(part).torque, rows.torque[kept])
+    raw = extract(record(0.8)).samples
+    fewer = select_friction_rows(raw, raw.velocity > 0.0)
+    assert fewer.count == np.sum(raw.velocity > 0.0)
+    assert fewer.load is not None
+
+
+def test_joints_that_rest_or_are_shaken_are_refused():
+    recording = record(0.8)
+    logs = prepare_joint_logs(LIBRARY, [recording], RAW)
+    assert (logs.resting, logs.find_moving(0), logs.find_alone(0)) == (((1,),), (0,), (0,))
+    with pytest.raises(IdentifiabilityError, match="moves in none") as caught:
+        extract_joint(LIBRARY, logs, 1)
+    assert caught.value.notices[0].code == "friction.at-rest"
+    position = recording.position.copy()
+    position[:, 1] += 0.01 * position[:, 0]
+    shaken = Recording(time=recording.time, position=position, torque=recording.torque)
+    logs = prepare_joint_logs(LIBRARY, [shaken], RAW)
+    assert logs.carried == ((1,),)
+    with pytest.raises(IdentifiabilityError, match="sticks and slips"):
+        extract_joint(LIBRARY, logs, 1)
+
+
+def test_logs_that_fit_no_robot_or_do_not_move_are_refused():
+    recording = record(0.8)
+    other = Recording(time=recording.time, position=recording.position[:, :1], torque=recording.torque[:, :1])
+    with pytest.raises(LogError) as caught:
+        prepare_joint_logs(LIBRARY, [other], RAW)
+    assert caught.value.notices[0].code == "log.joints"
+    still = Recording(
+        time=recording.time, position=np.zeros_like(recording.position), torque=recording.torque
+    )
+    with pytest.raises(IdentifiabilityError) as caught:
+        prepare_joint_logs(LIBRARY, [still], RAW)
+    assert caught.value.notices[0].code == "identify.standstill"
+
+
+def test_independent_columns_are_the_first_ones():
+    a, b = np.random.default_rng(0).normal(size=(2, 50))
+    assert list_independent(np.column_stack([np.zeros(50), a, 3.0 * a, b, a - b])) == [1, 3]
+    rounding = 1e-16 * np.random.default_rng(1).normal(size=50)
+    assert list_independent(np.column_stack([rounding, a])) == [1]
+
+
+@pytest.mark.parametrize("period", [2.0, 2.0005])
+def test_periods_are_averaged(period):
+    time = np.arange(round(10.5 * RATE)) / RATE
+    angle = 2.0 * np.pi * time / period
+    rng = np.random.default_rng(3)
+    recording = Recording(
+        time=time,
+        position=np.cos(angle)[:, None],
+        torque=np.sin(angle)[:, None] + 0.1 * rng.normal(size=(len(time), 1)),
+        source="log",
+    )
+    folded = fold_recording(recording, period)
+    assert (folded.periods, folded.samples) == (5, 1000)
+    assert len(folded.recording.time) == 3000
+    # Between samples, noise is that of a mean of two.
+    assert folded.scatter == pytest.approx([0.1 if period == 2.0 else 0.1 * np.sqrt(2 / 3)], rel=0.1)
+    error = folded.recording.torque[1000:2000, 0] - np.sin(2.0 * np.pi * np.arange(1000) / 1000)
+    assert np.std(error) == pytest.approx(folded.scatter[0] / np.sqrt(5), rel=0.15)
+    assert [notice.code for notice in folded.recording.notices] == ["log.folded"]
+
+
+def test_a_joint_that_rests_has_no_period_to_be_wrong():
+    time = np.arange(5000) / RATE
+    noise = 1e-6 * np.random.default_rng(0).normal(size=len(time))
+    position = np.column_stack([np.cos(np.pi * time) + 0.03 * time, noise])
+    recording = Recording(time=time, position=position, torque=np.zeros_like(position), source="log")
+    codes = [notice.code for notice in fold_recording(recording, 2.0).recording.notices]
+    assert codes == ["log.folded", "log.not-periodic"]
+
+
+def test_a_mean_period_is_continued_by_the_margin_asked_for():
+    time = np.arange(5000) / RATE
+    position = np.sin(np.pi * time)[:, None]
+    recording = Recording(time=time, position=position, torque=position, source="log")
+    folded = fold_recording(recording, 2.0, margin=2300)
+    assert folded.recording.position.shape == (2300 + 1000 + 2300, 1)
+    expected = np.sin(2.0 * np.pi * np.arange(-2300, 3300) / 1000)
+    assert np.allclose(folded.recording.position[:, 0], expected)
+
+
+def test_a_wrong_period_is_told_or_refused_and_a_short_log_refused():
+    time = np.arange(5000) / RATE
+    drift = 0.02 * time
+    recording = Recording(
+        time=time, position=(np.cos(2.0 * time) + drift)[:, None], torque=np.sin(time)[:, None], source="log"
+    )
+    codes = [notice.code for notice in fold_recording(recording, np.pi).recording.notices]
+    assert codes == ["log.folded", "log.not-periodic"]
+    with pytest.raises(LogError, match="one for each log") as caught:
+        fold_recording(recording, 2.5)
+    assert caught.value.notices[0].code == "log.not-periodic"
+    for period in (7.0, 0.01):
+        with pytest.raises(LogError) as caught:
+            fold_recording(recording, period)
+        assert caught.value.notices[0].code == "log.period"

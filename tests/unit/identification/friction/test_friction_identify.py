@@ -1,0 +1,439 @@
+"""Friction of a robot from its recordings: laws, refusals, poses, files."""
+
+import json
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from scipy.stats import ttest_ind
+from tests.unit.friction.cosine_rigs import (
+    BETA,
+    PLAIN,
+    RAW,
+    STRIBECK,
+    assert_near_truth,
+    find_values,
+    load_recording,
+    record,
+)
+
+from symid.errors import EstimateError, IdentifiabilityError, LogError, UsageError
+from symid.identification.estimators.estimate import ParameterEstimate
+from symid.identification.friction.estimators import fit_friction
+from symid.identification.friction.extraction import extract_joint, prepare_joint_logs
+from symid.identification.friction.identify import (
+    FrictionTask,
+    check_inputs,
+    identify_friction,
+    warn_of_inertia,
+)
+from symid.identification.friction.poses import (
+    compare_poses,
+    compute_chance,
+    compute_robust_deviations,
+    list_poses,
+)
+from symid.identification.friction.results import (
+    is_friction_result,
+    read_friction_result,
+    write_friction_result,
+)
+from symid.identification.friction.samples import FrictionSamples
+from symid.joint_models.friction_catalogue import get_law
+from symid.joint_models.friction_law import compute_friction_torque
+from symid.logs.recording import Recording
+from symid.robot.description import Processing
+from tests.recovery.closed_form import build_two_link
+
+LIBRARY = build_two_link()
+SLOW_AND_FAST = (record(0.15), record(1.0, seed=1))
+FEW = ("coulomb-viscous-offset", "stribeck+offset")
+SLOW = Processing(drop_first=20, drop_last=20, standstill=0.1)
+FAST_ONLY = Processing(drop_first=20, drop_last=20, standstill=0.25)
+
+
+def identify(*recordings, processing=RAW, **options):
+    return identify_friction(LIBRARY, recordings, processing, FrictionTask(**options))
+
+
+def refuse(*recordings, **options):
+    with pytest.raises(IdentifiabilityError) as caught:
+        identify(*recordings, **options)
+    return caught.value.notices
+
+
+@pytest.mark.parametrize("options", [{"candidates": FEW}, {"model": "stribeck+offset", "beta": BETA}])
+def test_slow_and_fast_cosines_together_tell_the_whole_law(options):
+    found = identify(*SLOW_AND_FAST, **options)
+    (joint,) = found.joints
+    assert joint.estimate.law == "stribeck+offset"
+    assert not joint.estimate.refused
+    assert_near_truth(joint.estimate, STRIBECK)
+    assert joint.residual.std == pytest.approx(0.05, rel=0.1)
+    assert joint.sources == ("peak 0.15", "peak 1")
+    assert (joint.unit, joint.velocity_unit) == ("N m", "rad/s")
+    assert (joint.selection is None) == ("model" in options)
+    ((name, reason),) = found.refused
+    assert name == LIBRARY.card.joints[1].name
+    assert "moves in none" in reason
+    assert "friction.joint-refused" in {notice.code for notice in found.notices}
+    assert found.settings["rigid"] == ("known" if "beta" in options else "fitted along")
+
+
+def build_motion(dq):
+    """Return a recording of the first joint with these velocities, the second at rest."""
+    time = np.arange(len(dq)) / 500.0
+    q, speed, rate = np.zeros((3, len(dq), 2))
+    speed[:, 0] = dq
+    q[:, 0] = np.cumsum(dq) / 500.0
+    rate[:, 0] = np.gradient(dq, 1 / 500.0)
+    return load_recording(time, q, speed, rate, law="stribeck+offset")
+
+
+def test_one_direction_only_gets_no_number_for_the_other():
+    time = np.arange(6000) / 500.0
+    recording = build_motion(0.5 + 0.45 * np.cos(2.0 * time))
+    (joint,) = identify(recording, model="coulomb-viscous-offset", beta=BETA).joints
+    refused = dict(joint.estimate.refused)
+    assert set(refused) == {"fC", "offset"}
+    assert all("positive direction only" in reason for reason in refused.values())
+    assert set(find_values(joint.estimate)) == {"fV"}
+    (joint,) = identify(recording, model="asymmetric", beta=BETA).joints
+    assert set(dict(joint.estimate.refused)) == {"fCn", "fVn"}
+
+
+def test_constant_velocity_gets_sentences_and_no_number():
+    recording = build_motion(np.full(4000, 0.3))
+    for options in ({"model": "coulomb-viscous-offset"}, {"model": "stribeck+offset"}, {"candidates": FEW}):
+        notices = refuse(recording, beta=BETA, **options)
+        assert {notice.code for notice in notices} == {"friction.nothing"}
+        assert any("one speed only" in notice.text for notice in notices)
+
+
+def test_without_low_velocities_the_fall_of_friction_gets_no_number():
+    processing = Processing(drop_first=20, drop_last=20, standstill=0.25)
+    (joint,) = identify(record(1.0), model="stribeck+offset", processing=processing, beta=BETA).joints
+    refused = dict(joint.estimate.refused)
+    assert {"fS", "vs"} <= set(refused)
+    assert "slow" in refused["vs"]
+    values = find_values(joint.estimate)
+    assert values["fV"] == pytest.approx(1.1, abs=0.1)
+    assert values["offset"] == pytest.approx(0.25, abs=0.02)
+
+
+def test_periods_can_be_averaged():
+    # The peak is that of a period of 3 s, whose turning points are samples: there the sign is anybody's.
+    recording = record(np.pi / 3.0, law="coulomb-viscous-offset", periods=6.1)
+    options = {
+        "model": "coulomb-viscous-offset",
+        "processing": Processing(drop_first=20, drop_last=20, standstill=0.01),
+    }
+    (whole,) = identify(recording, **options).joints
+    found = identify(recording, **options, periods=(3.0,))
+    (joint,) = found.joints
+    assert_near_truth(joint.estimate, PLAIN, deviations=5.0)
+    assert joint.residual.samples < whole.residual.samples / 4
+    assert joint.residual.std < 0.6 * whole.residual.std
+    assert "log.folded" in {notice.code for notice in found.notices}
+
+
+def test_every_log_may_have_its_own_period():
+    recordings = [
+        record(peak, law="coulomb-viscous-offset", amplitude=0.5, periods=6.1, seed=k)
+        for k, peak in enumerate((np.pi / 3.0, np.pi / 6.0))
+    ]
+    options = {
+        "model": "coulomb-viscous-offset",
+        "processing": Processing(drop_first=20, drop_last=20, standstill=0.01),
+    }
+    (joint,) = identify(*recordings, **options, periods=(3.0, 6.0)).joints
+    assert_near_truth(joint.estimate, PLAIN, deviations=5.0)
+    # One period of each: no row is used twice.
+    assert 4400 < joint.residual.samples <= 4500
+    with pytest.raises(LogError) as caught:
+        identify(*recordings, **options, periods=(3.0,))
+    assert caught.value.notices[0].code == "log.not-periodic"
+    with pytest.raises(UsageError, match="3 periods were given for 2 logs") as caught:
+        identify(*recordings, **options, periods=(3.0, 6.0, 6.0))
+    assert caught.value.notices[0].code == "usage.friction-periods"
+
+
+def test_doubts_of_a_period_stay_where_no_number_is_found():
+    time = np.arange(5000) / 500.0
+    dq = 0.3 + 0.02 * np.cos(2.0 * np.pi * time)
+    recording = build_motion(dq - 0.3)
+    drifting = replace(recording, position=recording.position + 0.0001 * time[:, None] * [[1.0, 0.0]])
+    notices = refuse(drifting, model="coulomb-viscous-offset", beta=BETA, periods=(1.0,), processing=SLOW)
+    assert [notice.code for notice in notices][-1] == "log.not-periodic"
+
+
+def test_a_law_of_the_load_needs_a_load():
+    # The second joint has neither links' torque nor friction here; the first one has both.
+    notices = refuse(build_weightless(), model="load-dependent")
+    assert notices[0].code == "friction.nothing"
+    assert "move it against gravity" in notices[0].text
+
+
+def test_a_joint_without_load_does_not_keep_others_from_a_law():
+    samples = extract_joint(LIBRARY, prepare_joint_logs(LIBRARY, [build_weightless()], RAW), 0).samples
+    assert samples.load is None
+    with pytest.raises(IdentifiabilityError) as caught:
+        check_inputs(samples, get_law("load-dependent"))
+    assert caught.value.notices[0].code == "friction.no-load"
+
+
+def build_weightless():
+    """Return a recording whose torque is friction only: nothing in it is a load."""
+    recording = record(0.3, law="coulomb-viscous-offset")
+    speed = np.gradient(recording.position[:, 0], recording.time)
+    torque = np.zeros_like(recording.torque)
+    torque[:, 0] = (
+        1.1 * speed + 1.8 * np.sign(speed) + 0.05 * np.random.default_rng(1).normal(size=len(speed))
+    )
+    return replace(recording, torque=torque)
+
+
+def find_notices(*recordings, **options):
+    return {entry.code: entry.text for entry in identify(*recordings, **options).notices}
+
+
+def test_a_smoothing_without_use_is_refused_or_told():
+    with pytest.raises(UsageError, match="no sign that jumps") as caught:
+        identify(*SLOW_AND_FAST, model="makkar", smoothing=0.01)
+    assert caught.value.notices[0].code == "usage.friction-smoothing"
+    found = find_notices(*SLOW_AND_FAST, candidates=("makkar",), smoothing=0.01)
+    assert "friction.smoothing-unused" in found
+    found = find_notices(*SLOW_AND_FAST, model="stribeck+offset", smoothing=1e-4)
+    assert "friction.smoothing-unused" not in found
+
+
+def test_a_torque_of_the_wrong_sign_is_told():
+    right = record(1.0, law="coulomb-viscous-offset")
+    wrong = replace(right, torque=-right.torque)
+    assert "wrong sign" in find_notices(wrong, model="coulomb-viscous-offset")["friction.negative-inertia"]
+    assert "friction.negative-inertia" not in find_notices(right, model="coulomb-viscous-offset")
+
+
+def test_an_inertia_that_is_only_uncertain_is_not_blamed_on_the_log():
+    estimate = SimpleNamespace(extra=(ParameterEstimate(name="J", value=-0.03, std=0.2, unit="kg m^2"),))
+    (notice,) = warn_of_inertia(estimate)
+    assert "accelerates too little" in notice.text
+
+
+def test_a_torque_that_nothing_explains_is_told():
+    recording = record(1.0, law="coulomb-viscous-offset")
+    noise = 20.0 * np.random.default_rng(0).normal(size=recording.torque.shape)
+    noisy = replace(recording, torque=recording.torque + noise)
+    assert "degrees" in find_notices(noisy, model="coulomb-viscous-offset")["friction.unexplained"]
+    assert "friction.unexplained" not in find_notices(recording, model="coulomb-viscous-offset")
+
+
+def test_a_residual_with_a_pattern_is_told():
+    found = find_notices(*SLOW_AND_FAST, model="coulomb-viscous-offset")
+    assert "times too small" in found["friction.pattern"]
+    assert "friction.pattern" not in find_notices(*SLOW_AND_FAST, model="stribeck+offset")
+
+
+def test_names_are_checked_and_near_ones_offered():
+    with pytest.raises(UsageError, match="did you mean stribeck") as caught:
+        identify(*SLOW_AND_FAST, model="stribek")
+    assert caught.value.notices[0].code == "usage.unknown-friction-law"
+    with pytest.raises(UsageError, match="did you mean varpro") as caught:
+        identify(*SLOW_AND_FAST, estimator="varprow")
+    assert caught.value.notices[0].code == "usage.friction-estimator"
+    with pytest.raises(UsageError) as caught:
+        identify(model="stribeck")
+    assert caught.value.notices[0].code == "usage.no-log"
+
+
+def test_results_are_read_back_without_loss(tmp_path):
+    third = record(1.0, pose=(0.3, 1.2), seed=2)
+    found = identify(*SLOW_AND_FAST, third, candidates=FEW)
+    assert found.joints[0].poses is not None
+    path = write_friction_result(found, tmp_path / "friction.json")
+    assert is_friction_result(path)
+    again = read_friction_result(path)
+    assert write_friction_result(again, tmp_path / "again.json").read_text() == path.read_text()
+    assert replace(again.joints[0], velocity_map=None) == replace(found.joints[0], velocity_map=None)
+    assert again.notices == found.notices
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda data: data.pop("joints"), "joints is missing"),
+        (lambda data: data.update(extra=1), "extra is unknown"),
+        (lambda data: data.update(robot=3), "robot: expected str"),
+        (lambda data: data.update(version=9), "version 9"),
+        (lambda data: data.update(format="something"), "no friction of a robot"),
+        (lambda data: data["joints"][0]["estimate"].update(outcome="LUCKY"), "LUCKY"),
+        (lambda data: data["joints"][0]["estimate"].update(linear=[True]), "expected int or float"),
+        (lambda data: data.update(refused=[["a"]]), "expected 2 entries"),
+        (lambda data: data.update(joints=[]), "joints is empty"),
+        (lambda data: data["joints"][0]["estimate"].update(law="zzz"), "no friction law is called 'zzz'"),
+        (lambda data: data["joints"][0]["estimate"].update(linear=[1.0]), "linear has 1 entries, not 3"),
+        (lambda data: data["joints"][0]["estimate"]["covariance"].pop(), "covariance has 5 entries, not 6"),
+        (lambda data: data["joints"][0]["estimate"]["covariance"][0].pop(), "row 0 has 5 entries"),
+        (lambda data: data["joints"][0]["velocity_map"]["torque"].pop(), "velocity_map.torque has"),
+        (
+            lambda data: data["joints"][0]["velocity_map"].update(cloud_velocity=[], cloud_torque=[]),
+            "cloud_velocity is empty",
+        ),
+        (lambda data: data["joints"][0]["estimate"].update(linear=[None, 1, 1]), "are not numbers"),
+    ],
+)
+def test_files_that_are_no_results_are_refused(tmp_path, change, told):
+    found = identify(record(1.0, law="coulomb-viscous-offset"), model="coulomb-viscous-offset")
+    path = write_friction_result(found, tmp_path / "friction.json")
+    data = json.loads(path.read_text())
+    change(data)
+    path.write_text(json.dumps(data))
+    with pytest.raises(EstimateError, match=told) as caught:
+        read_friction_result(path)
+    assert caught.value.notices[0].code == "estimate.format"
+
+
+def test_files_that_are_no_json_are_refused(tmp_path):
+    path = tmp_path / "friction.json"
+    for text in (None, "{"):
+        if text is not None:
+            path.write_text(text)
+        assert not is_friction_result(path)
+        with pytest.raises(EstimateError):
+            read_friction_result(path)
+
+
+def build_poses(*levels, noise=0.05):
+    """Return recordings at different poses of the second joint, with these Coulomb levels."""
+    return [
+        record(
+            1.0,
+            law="coulomb-viscous-offset",
+            values=PLAIN | {"fC": level},
+            pose=(0.3, 0.5 * number),
+            noise=noise,
+            seed=number,
+        )
+        for number, level in enumerate(levels)
+    ]
+
+
+def compare(recordings):
+    logs = prepare_joint_logs(LIBRARY, recordings, RAW)
+    return compare_poses(LIBRARY, logs, 0, get_law("coulomb-viscous-offset"))
+
+
+def test_equal_friction_at_all_poses_is_told():
+    found = compare(build_poses(1.8, 1.8, 1.8))
+    assert not found.differs
+    assert "does not depend on the pose" in found.verdict
+    assert found.change < 0.02
+    assert [pose.others[0][1] for pose in found.poses] == pytest.approx([0.0, 0.5, 1.0])
+    for entry in found.parameters:
+        truth = PLAIN[entry.name]
+        assert sum(low <= truth <= high for low, high in entry.intervals) >= 2
+
+
+def test_friction_that_depends_on_the_pose_is_told():
+    found = compare(build_poses(1.8, 2.0, 1.8))
+    assert found.differs
+    assert "depends on the pose: fC" in found.verdict
+    level = next(entry for entry in found.parameters if entry.name == "fC")
+    assert level.values == pytest.approx((1.8, 2.0, 1.8), abs=0.02)
+    assert level.chance < 1e-6
+    assert 0.04 < found.change < 0.12
+
+
+def test_false_alarms_are_rare():
+    alarms = 0
+    for seed in range(20):
+        recordings = [
+            record(1.0, law="coulomb-viscous-offset", pose=(0.3, angle), seed=10 * seed + k, periods=1.0)
+            for k, angle in enumerate((0.0, 0.8))
+        ]
+        alarms += compare(recordings).differs
+    assert alarms <= 2
+
+
+def test_a_pose_that_cannot_be_fitted_is_left_out_and_the_rest_stays():
+    processing = Processing(drop_first=20, drop_last=20, standstill=0.1)
+    options = {"model": "coulomb-viscous-offset", "processing": processing}
+    fast = record(1.0, law="coulomb-viscous-offset")
+    slow = record(0.08, law="coulomb-viscous-offset", pose=(0.3, 1.2), periods=1.0, seed=1)
+    other = record(1.0, law="coulomb-viscous-offset", pose=(0.3, 0.9), seed=2)
+    found = identify(fast, slow, **options)
+    (joint,) = found.joints
+    assert joint.estimate.get_value("fC") == pytest.approx(1.8, abs=0.05)
+    assert joint.poses.parameters == ()
+    assert "1 of its poses only" in joint.poses.verdict
+    assert not joint.poses.differs
+    (text,) = [notice.text for notice in found.notices if notice.code == "friction.pose-skipped"]
+    assert "peak 0.08" in text
+    assert "slower than processing.standstill" in text
+    (joint,) = identify(fast, slow, other, **options).joints
+    assert [pose.sources for pose in joint.poses.poses] == [("peak 1",), ("peak 1",)]
+    assert [sources for sources, _ in joint.poses.skipped] == ["peak 0.08"]
+
+
+def test_poses_that_tell_too_little_are_not_called_alike():
+    short = record(0.8, law="coulomb-viscous-offset", pose=(0.3, 1.2), periods=0.16, noise=0.5)
+    found = compare([record(1.0, law="coulomb-viscous-offset"), short])
+    assert not found.differs
+    assert found.change is None or found.change > 0.0
+    assert "too uncertain to compare" in found.verdict
+
+
+def test_what_a_pose_does_not_tell_makes_no_change_of_the_curve():
+    logs = prepare_joint_logs(LIBRARY, [record(1.0), record(1.0, pose=(0.3, 1.2), seed=1)], FAST_ONLY)
+    found = compare_poses(LIBRARY, logs, 0, get_law("stribeck+offset"), beta=BETA)
+    assert "vs" not in {entry.name for entry in found.parameters}
+    assert found.change is None
+    assert "the others are not known at all poses" in found.verdict
+
+
+@pytest.mark.parametrize(("memory", "poses"), [(0.0, 2), (0.0, 5), (0.98, 2), (0.98, 5), (0.995, 2)])
+def test_noise_with_a_memory_makes_no_difference_of_poses(memory, poses):
+    law = get_law("coulomb-viscous-offset")
+    linear, shape = law.from_physical((1.8, 1.1, 0.2))
+    time = np.arange(2000) / 100.0
+    velocity = 0.4 * np.sin(2.0 * np.pi * time / 5.0)
+    clean = compute_friction_torque(law, {"velocity": velocity}, linear, shape)
+    alarms = 0
+    for trial in range(60):
+        fits = []
+        for pose in range(poses):
+            rng = np.random.default_rng([trial, pose])
+            noise = lfilter([np.sqrt(1.0 - memory**2)], [1.0, -memory], rng.normal(size=5000))[3000:]
+            samples = FrictionSamples(
+                joint="j", time=time, velocity=velocity, torque=clean + 0.1 * noise, extra=np.empty((2000, 0))
+            )
+            estimate = fit_friction(samples, law)
+            deviations = compute_robust_deviations(samples, law, estimate)
+            fits.append([(estimate.get_value(name), *deviations[name]) for name in ("fC", "fV", "offset")])
+        chances = [compute_chance(*np.array([fit[k] for fit in fits]).T) for k in range(3)]
+        alarms += 3 * min(chances) < 0.01
+    # At 1 % the chance of four or more among sixty is 0.3 %.
+    assert alarms <= 3
+
+
+def test_the_comparison_of_two_means_is_that_of_welch():
+    rng = np.random.default_rng(4)
+    one, two = rng.normal(size=7), 0.4 + 3.0 * rng.normal(size=12)
+    stds = np.array([np.std(part, ddof=1) / np.sqrt(len(part)) for part in (one, two)])
+    chance = compute_chance(np.array([one.mean(), two.mean()]), stds, np.array([6.0, 11.0]))
+    assert chance == pytest.approx(ttest_ind(one, two, equal_var=False).pvalue, rel=1e-10)
+
+
+def test_one_pose_is_no_test_and_recordings_of_one_pose_belong_together():
+    recordings = [*build_poses(1.8, 1.8), record(0.3, pose=(0.3, 0.0), seed=7)]
+    logs = prepare_joint_logs(LIBRARY, recordings, RAW)
+    assert [pose.runs for pose in list_poses(LIBRARY, logs, 0)] == [(0, 2), (1,)]
+    assert compare(build_poses(1.8)) is None
+    moving = Recording(
+        time=recordings[0].time,
+        position=recordings[0].position[:, [0, 0]],
+        torque=recordings[0].torque,
+    )
+    assert list_poses(LIBRARY, prepare_joint_logs(LIBRARY, [moving], RAW), 0) == ()

@@ -1,0 +1,115 @@
+"""The constrained problem: derivatives against differences, the optimum, bounds, Ipopt's statuses."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symid.identification.friction.bounded_search import FrictionNlpCost, search_by_nlp
+from symid.identification.friction.estimate import SearchOutcome
+from symid.identification.friction.problem import FrictionNlpOptions, FrictionOptions, build_problem
+from symid.identification.friction.variable_projection import search_by_projection
+from symid.ipopt import IPOPT_STATUSES, build_ipopt_functions, describe_ipopt_status
+from symid.joint_models.friction_catalogue import get_law
+from tests.frictions import build_cosines, draw_s1, draw_s2, draw_samples
+
+OPTIONS = FrictionOptions()
+NLP = FrictionNlpOptions()
+
+
+def thin(columns):
+    return 0.5 * (columns[:-1:2] + columns[1::2])
+
+
+def build(name, physical):
+    law = get_law(name)
+    velocity = np.concatenate([build_cosines(0.1, 1.0, count=100), [0.0, 0.0]])
+    extra = np.column_stack([np.cos(np.arange(len(velocity))), np.ones(len(velocity))])
+    samples = draw_samples(
+        law, physical, velocity, noise=0.3, extra=extra, extra_names=("a", "b"), reduce=thin
+    )
+    return build_problem(samples, law, OPTIONS)
+
+
+@pytest.mark.parametrize(
+    ("name", "physical"),
+    [
+        ("stribeck-exponent", (11.0, 20.0, 0.03, 1.7, 24.0)),
+        # The samples hold rest, where a low exponent has derivatives without bound.
+        ("stribeck-exponent", (11.0, 20.0, 0.03, 0.6, 24.0)),
+        ("improved-stribeck-exponent", (11.6, 23.2, 0.0277, 1.7, 27.9, 0.47, 0.0101)),
+        ("power-law", (5.0, 6.0, 0.6)),
+        ("makkar", (4.0, 100.0, 15.0, 10.0, 300.0, 8.0)),
+    ],
+)
+def test_derivatives_are_exact(name, physical):
+    problem = build(name, physical)
+    cost = FrictionNlpCost(problem, 7.0)
+    x = np.array(physical) * (1.0 + 0.01 * np.arange(len(physical)))
+    linear, shape = problem.law.from_physical(list(x))
+    objective = float(problem.find_objectives(np.array([linear]), np.array([shape]))[0])
+    assert cost.find_value(x) == pytest.approx(objective / 7.0, rel=1e-12)
+    for place in range(len(x)):
+        step = 1e-6 * x[place] * np.eye(len(x))[place]
+        rise = (cost.find_value(x + step) - cost.find_value(x - step)) / (2e-6 * x[place])
+        assert cost.find_gradient(x)[place] == pytest.approx(rise, rel=1e-5, abs=1e-6)
+        turn = (cost.find_gradient(x + step) - cost.find_gradient(x - step)) / (2e-6 * x[place])
+        np.testing.assert_allclose(
+            cost.find_hessian(x)[place], turn, rtol=1e-4, atol=1e-6 * np.abs(cost.find_hessian(x)).max()
+        )
+
+
+@pytest.mark.parametrize("draw", [draw_s1, draw_s2])
+def test_the_optimum_is_that_of_variable_projection(draw):
+    problem = build_problem(*draw(), OPTIONS)
+    search = search_by_nlp(problem, NLP)
+    best = search_by_projection(problem, OPTIONS.variable_projection)
+    assert search.objective == pytest.approx(best.objective, rel=1e-6)
+    assert search.outcome is SearchOutcome.CONVERGED
+    assert dict(search.settings)["agreeing"] >= 1
+
+
+def test_physical_bounds_hold():
+    law = get_law("coulomb-viscous")
+    samples = draw_samples(law, (5.0, -3.0), build_cosines(1.0), noise=0.1)
+    problem = build_problem(samples, law, OPTIONS)
+    search = search_by_nlp(problem, NLP)
+    coulomb, viscous = law.to_physical(search.linear, search.shape)
+    assert viscous == pytest.approx(0.0, abs=1e-6)
+    # With viscous friction at zero, Coulomb friction alone is a mean.
+    assert coulomb == pytest.approx(float(np.mean(samples.torque * np.sign(samples.velocity))), rel=1e-5)
+
+
+def test_static_friction_is_not_forced_above_coulomb_friction():
+    law = get_law("stribeck")
+    samples = draw_samples(law, (11.0, 8.0, 0.03, 20.0), build_cosines(0.1, 1.0), noise=0.1)
+    search = search_by_nlp(build_problem(samples, law, OPTIONS), NLP)
+    np.testing.assert_allclose(law.to_physical(search.linear, search.shape)[:2], (11.0, 8.0), atol=0.2)
+
+
+def test_the_limit_of_iterations_is_told():
+    problem = build_problem(*draw_s1(), OPTIONS)
+    search = search_by_nlp(problem, replace(NLP, starts=1, iterations=1))
+    assert search.outcome is SearchOutcome.LIMIT
+    assert "Maximum_Iterations_Exceeded" in search.ended
+
+
+def test_every_status_has_an_outcome():
+    for status in IPOPT_STATUSES:
+        name, text = describe_ipopt_status(status)
+        assert SearchOutcome[name].name == name
+        assert status in text
+    assert SearchOutcome[describe_ipopt_status("Solve_Succeeded")[0]] is SearchOutcome.CONVERGED
+    for status in ("Infeasible_Problem_Detected", "Diverging_Iterates", "Invalid_Option", "no such status"):
+        assert not SearchOutcome[describe_ipopt_status(status)[0]].usable
+
+
+def test_functions_of_casadi_return_what_numpy_does():
+    matrix = np.array([[2.0, 0.5], [0.5, 3.0]])
+    functions = build_ipopt_functions(
+        2, lambda x: float(x @ matrix @ x), lambda x: 2.0 * matrix @ x, lambda _: 2.0 * matrix
+    )
+    x = [1.0, 2.0]
+    assert float(functions.value(x)) == 16.0
+    assert np.array(functions.gradient(x, [])[1]).ravel().tolist() == [6.0, 13.0]
+    np.testing.assert_allclose(np.array(functions.hessian(x, [], 0.5, [])), np.triu(matrix))

@@ -1,0 +1,195 @@
+"""Friction on a log that was not fitted: the same rows, the same columns, nothing fitted."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.unit.friction.cosine_rigs import BETA, DECIMATED, RAW, load_recording, record
+
+from symid.errors import EstimateError, IdentifiabilityError
+from symid.identification.friction.identify import FrictionTask, identify_friction
+from symid.identification.friction.validation import (
+    check_friction_model,
+    read_known_parameters,
+    validate_friction,
+)
+from symid.joint_models.friction_catalogue import get_law
+from symid.joint_models.friction_law import compute_friction_torque
+from tests.recovery.closed_form import build_two_link
+
+TASK = FrictionTask(model="stribeck+offset", poses=False)
+KNOWN = {"rigid": "known", "known_values": None}
+
+
+@pytest.fixture(scope="module")
+def library():
+    return build_two_link()
+
+
+@pytest.fixture(scope="module")
+def found(library):
+    return identify_friction(library, [record(0.15), record(1.0, seed=1)], RAW, TASK)
+
+
+def find_codes(validation):
+    return [entry.code for entry in validation.notices]
+
+
+def test_a_log_of_the_same_motion_leaves_noise_alone(library, found):
+    validation = validate_friction(found, library, record(0.6, seed=7), RAW)
+    (entry,) = validation.residual
+    assert (entry.joint, entry.unit) == ("joint1", "N m")
+    assert entry.std == pytest.approx(0.05, rel=0.05)
+    assert entry.norm == pytest.approx(entry.std * np.sqrt(entry.samples))
+    (series,) = validation.series
+    assert entry.relative_percent == pytest.approx(100.0 * entry.norm / np.linalg.norm(series.measured))
+    assert find_codes(validation) == ["validate.friction-pose"]
+
+
+def test_the_prediction_is_that_of_the_written_formula(library, found):
+    recording = record(0.6, seed=7, noise=0.0)
+    (series,) = validate_friction(found, library, recording, RAW).series
+    estimate = found.joints[0].estimate
+    law = get_law(estimate.law)
+    # By hand: central differences of the positions, inner samples, J ddq + a sin q + b cos q.
+    q = recording.position[:, 0]
+    dt = recording.time[1] - recording.time[0]
+    dq, inner = np.gradient(q, dt), slice(20, -20)
+    ddq = np.gradient(dq, dt)
+    parts = {"J": ddq, "a": np.sin(q), "b": np.cos(q)}
+    rigid = sum(entry.value * parts[entry.name] for entry in estimate.extra)
+    torque = rigid + compute_friction_torque(law, {"velocity": dq}, estimate.linear, estimate.shape)
+    assert len(series.predicted) == len(torque[inner])
+    assert series.predicted == pytest.approx(torque[inner], abs=1e-3)
+
+
+def test_the_very_log_gives_the_residual_of_the_fit(library):
+    for processing in (RAW, DECIMATED):
+        recording = record(1.0)
+        found = identify_friction(library, [recording], processing, replace(TASK, model="asymmetric"))
+        found = replace(found, sources=("elsewhere",))
+        validation = validate_friction(found, library, recording, processing)
+        assert validation.residual[0].relative_percent == pytest.approx(
+            found.joints[0].residual.relative_percent, rel=1e-12
+        )
+        assert validation.residual[0].samples == found.joints[0].residual.samples
+
+
+def test_the_fitted_log_is_told_from_others(library, found):
+    again = validate_friction(found, library, record(1.0, seed=1), RAW)
+    assert again.fitted
+    assert "validate.fitted-log" in find_codes(again)
+
+
+def test_base_parameters_that_were_known_are_subtracted_again(library):
+    task = replace(TASK, beta=BETA, model="coulomb-viscous-offset")
+    found = identify_friction(library, [record(1.0, law="coulomb-viscous-offset")], RAW, task)
+    names = [entry.name for entry in library.card.beta]
+    settings = {**found.settings, "known_values": dict(zip(names, BETA.tolist(), strict=True))}
+    told = replace(found, settings=settings)
+    assert read_known_parameters(told, library.card).tolist() == BETA.tolist()
+    # At a pose that was not fitted: known base parameters hold everywhere.
+    other = record(0.8, pose=(-0.5, 1.9), seed=3, law="coulomb-viscous-offset")
+    validation = validate_friction(told, library, other, RAW)
+    assert validation.residual[0].std == pytest.approx(0.05, rel=0.06)
+    assert find_codes(validation) == []
+    with pytest.raises(EstimateError, match="known_values"):
+        validate_friction(found, library, other, RAW)
+
+
+def test_base_parameters_that_were_told_apart_hold_at_every_pose(library):
+    both = move_both()
+    found = identify_friction(library, [both], RAW, replace(TASK, model="coulomb-viscous-offset"))
+    (joint,) = (entry for entry in found.joints if entry.joint == "joint1")
+    assert {entry.name for entry in joint.estimate.extra} == {entry.name for entry in library.card.beta}
+    validation = validate_friction(
+        replace(found, joints=(joint,)), library, record(1.0, pose=(0.9, -1.0)), RAW
+    )
+    assert find_codes(validation) == []
+
+
+def test_columns_that_stand_for_groups_are_told(library):
+    twice = [record(1.0), record(1.0, pose=(0.3, 1.2), seed=2)]
+    found = identify_friction(library, twice, RAW, TASK)
+    (joint,) = found.joints
+    assert not {"J", "a", "b"} & {entry.name for entry in joint.estimate.extra}
+    validation = validate_friction(found, library, record(0.8, seed=4), RAW)
+    (notice,) = (entry for entry in validation.notices if entry.code == "validate.friction-pose")
+    assert f"its rigid part of {len(joint.estimate.other)} columns" in notice.text
+
+
+def move_both():
+    """Return the recording of a motion of both joints."""
+    time = np.arange(3000) / 500.0
+    q = np.column_stack([0.5 * np.sin(2.0 * time), 0.6 * np.sin(3.1 * time + 0.3)])
+    dq = np.column_stack([np.cos(2.0 * time), 1.86 * np.cos(3.1 * time + 0.3)])
+    ddq = np.column_stack([-2.0 * np.sin(2.0 * time), -5.766 * np.sin(3.1 * time + 0.3)])
+    return load_recording(time, q, dq, ddq, law="stribeck+offset")
+
+
+def test_another_kind_of_motion_is_refused_where_its_rigid_part_is_not_known(library, found):
+    with pytest.raises(IdentifiabilityError, match="more of its rigid part") as caught:
+        validate_friction(found, library, move_both(), RAW)
+    assert {entry.code for entry in caught.value.notices} == {"validate.friction-joint"}
+
+
+def test_a_joint_that_does_not_move_is_left_out(library, found):
+    recording = record(1.0)
+    # The other joint moves, this one rests.
+    still = replace(
+        recording, position=recording.position[:, ::-1].copy(), torque=recording.torque[:, ::-1].copy()
+    )
+    with pytest.raises(IdentifiabilityError, match="does not move of its own"):
+        validate_friction(found, library, still, RAW)
+
+
+def test_refused_parameters_leave_the_speeds_that_were_fitted(library):
+    slow = replace(RAW, standstill=0.2)
+    found = identify_friction(library, [record(1.0), record(0.6, seed=3)], slow, TASK)
+    (joint,) = found.joints
+    assert {name for name, _ in joint.estimate.refused} >= {"fS", "vs"}
+    validation = validate_friction(found, library, record(0.8, seed=9), RAW)
+    (series,) = validation.series
+    assert np.min(np.abs(series.velocity)) >= 0.2
+    assert validation.residual[0].std == pytest.approx(0.05, rel=0.1)
+    (notice,) = (entry for entry in validation.notices if entry.code == "validate.friction-refused")
+    assert "fS, vs got no number" in notice.text
+    with pytest.raises(IdentifiabilityError, match="speeds that were not fitted"):
+        validate_friction(found, library, record(0.15, seed=9), RAW)
+
+
+def test_a_rigid_part_without_numbers_is_told(library, found):
+    (joint,) = found.joints
+    estimate = joint.estimate
+    untold = replace(
+        estimate,
+        extra=tuple(entry for entry in estimate.extra if entry.name != "J"),
+        refused=(("J", "the joint hardly accelerates"),),
+    )
+    changed = replace(found, joints=(replace(joint, estimate=untold),))
+    validation = validate_friction(changed, library, record(0.6, seed=7), RAW)
+    # Its value still takes part in the prediction.
+    assert validation.residual[0].std == pytest.approx(0.05, rel=0.05)
+    assert find_codes(validation) == ["validate.friction-beside"]
+
+
+def test_speeds_beyond_those_fitted_are_told(library, found):
+    fast = validate_friction(found, library, record(2.0, seed=4), RAW)
+    assert "validate.friction-range" in find_codes(fast)
+
+
+def test_another_model_is_refused(library, found):
+    changed = replace(library.card, signature="0" * 64)
+    with pytest.raises(EstimateError, match="is another one now"):
+        check_friction_model(found, changed, "friction.json")
+    with pytest.raises(EstimateError, match="identified for robot"):
+        check_friction_model(found, replace(changed, robot="other"), "friction.json")
+    (joint,) = found.joints
+    unknown = replace(joint, estimate=replace(joint.estimate, joint="wheel"))
+    with pytest.raises(EstimateError, match=r"'wheel' must be joints of robot 'two_link'"):
+        check_friction_model(replace(found, joints=(unknown,)), library.card)
+    with pytest.raises(EstimateError, match=r"each once"):
+        check_friction_model(replace(found, joints=(joint, joint)), library.card)
+    strange = replace(joint, estimate=replace(joint.estimate, other=(1.0,)))
+    with pytest.raises(EstimateError, match="beside friction"):
+        validate_friction(replace(found, joints=(strange,)), library, record(0.6, seed=7), RAW)

@@ -1,0 +1,144 @@
+"""The choice of a law: blocks, what was held back, the rule of one standard error, the verdict."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.unit.friction.cosine_rigs import RAW, record
+
+from symid.errors import IdentifiabilityError, UsageError
+from symid.identification.friction import selection as selection_module
+from symid.identification.friction.estimators import fit_friction
+from symid.identification.friction.extraction import extract_joint, prepare_joint_logs
+from symid.identification.friction.problem import VariableProjectionOptions
+from symid.identification.friction.samples import (
+    FrictionRows,
+    FrictionSamples,
+    build_friction_rows,
+    compute_velocity_map,
+)
+from symid.identification.friction.selection import CANDIDATE_LAWS, assign_blocks, select_law
+from symid.joint_models.friction_catalogue import get_law
+from tests.recovery.closed_form import build_two_link
+
+LIBRARY = build_two_link()
+FEW = ("coulomb-viscous", "coulomb-viscous-offset", "stribeck+offset", "cubic+offset")
+
+
+def build_samples(law, **options):
+    logs = prepare_joint_logs(LIBRARY, [record(0.15, law=law), record(1.0, law=law, seed=1)], RAW)
+    return extract_joint(LIBRARY, logs, 0, **options).samples
+
+
+def build_rows(*counts):
+    run = np.repeat(np.arange(len(counts)), counts)
+    zero = np.zeros(len(run))
+    return FrictionRows(time=zero, velocity=zero, torque=zero, extra=zero[:, None], run=run)
+
+
+def test_blocks_are_contiguous_and_cut_every_recording():
+    number = assign_blocks(build_rows(100, 60))
+    for part in (number[:100], number[100:]):
+        assert sorted(set(part.tolist())) == [0, 1, 2, 3, 4]
+        assert np.all(np.diff(part) >= 0)
+    assert np.all(np.bincount(number[:100]) == 20)
+
+
+def test_a_recording_too_short_to_be_cut_is_always_fitted():
+    number = assign_blocks(build_rows(100, 14))
+    assert np.all(number[100:] == -1)
+    with pytest.raises(IdentifiabilityError) as caught:
+        assign_blocks(build_rows(14, 9))
+    assert caught.value.notices[0].code == "friction.too-few-rows"
+
+
+@pytest.mark.parametrize("truth", ["coulomb-viscous-offset", "stribeck+offset"])
+def test_the_true_law_is_taken(truth):
+    selection = select_law(build_samples(truth), FEW)
+    assert selection.chosen == truth
+    assert selection.blocks == 5
+    assert {trial.law for trial in selection.trials} == set(FEW)
+    held = [trial.held_percent for trial in selection.trials]
+    assert held == sorted(held)
+    taken = next(trial for trial in selection.trials if trial.law == truth)
+    assert taken.held_rms == pytest.approx(0.05, rel=0.1)
+    assert taken.held_percent > taken.fitted_percent
+    assert taken.behind <= 1.0
+    assert truth in selection.verdict
+    if truth == "stribeck+offset":
+        assert taken.ratio < 0.6
+        assert "squared error" in selection.verdict
+        assert "RMS" in selection.verdict
+    else:
+        richer = next(trial for trial in selection.trials if trial.law == "stribeck+offset")
+        assert "cannot be told" in richer.reason
+        assert taken.ratio == 1.0
+
+
+def test_a_law_whose_fall_lies_below_the_slowest_row_is_not_taken():
+    processing = replace(RAW, standstill=0.1)
+    recordings = [record(0.15, noise=0.02), record(1.0, noise=0.02, seed=1)]
+    logs = prepare_joint_logs(LIBRARY, recordings, processing)
+    selection = select_law(extract_joint(LIBRARY, logs, 0).samples, FEW)
+    best = selection.trials[0]
+    assert (best.law, best.reason) == ("stribeck+offset", "cannot be told: fS, vs")
+    assert selection.chosen != "stribeck+offset"
+    assert selection.verdict.startswith("Of the laws that these logs tell whole, ")
+
+
+def test_a_law_is_taken_only_where_a_fit_of_full_effort_tells_it(monkeypatch):
+    full = []
+
+    def fit(samples, law, *, options):
+        estimate = fit_friction(samples, law, options=options)
+        if law.name != "stribeck+offset" or options.variable_projection != VariableProjectionOptions():
+            return estimate
+        full.append(law.name)
+        return replace(estimate, refused=(("vs", "two optima"),))
+
+    monkeypatch.setattr(selection_module, "fit_friction", fit)
+    selection = select_law(build_samples("stribeck+offset"), FEW)
+    assert full == ["stribeck+offset"]
+    assert selection.chosen != "stribeck+offset"
+    assert next(trial for trial in selection.trials if trial.law == full[0]).reason == "cannot be told: vs"
+
+
+def test_a_law_that_cannot_be_fitted_says_why():
+    samples = build_samples("coulomb-viscous-offset", beta=np.zeros(6))
+    without = FrictionSamples(
+        joint="a",
+        time=samples.time,
+        velocity=samples.velocity,
+        torque=samples.torque,
+        extra=samples.extra,
+    )
+    selection = select_law(without, ("coulomb-viscous", "load-dependent"))
+    assert selection.chosen == "coulomb-viscous"
+    assert selection.trials[-1].law == "load-dependent"
+    assert "load" in selection.trials[-1].reason
+    assert selection.trials[-1].held_percent is None
+    with pytest.raises(IdentifiabilityError) as caught:
+        select_law(without, ("load-dependent",))
+    assert caught.value.notices[0].code == "friction.no-law"
+
+
+def test_names_of_laws_are_checked():
+    assert all(get_law(name).name for name in CANDIDATE_LAWS)
+    with pytest.raises(UsageError, match="stribeck"):
+        select_law(build_samples("coulomb-viscous-offset"), ("stribek",))
+
+
+def test_the_map_shows_friction_against_velocity():
+    samples = build_samples("coulomb-viscous-offset")
+    rows = build_friction_rows(samples)
+    known = [1.1, 1.8, 0.25]
+    columns = np.column_stack([rows.velocity, np.sign(rows.velocity), np.ones(len(rows.time))])
+    other = np.linalg.lstsq(rows.extra, rows.torque - columns @ known, rcond=None)[0]
+    found = compute_velocity_map(samples, other, intervals=12)
+    assert len(found.velocity) == 24
+    assert np.all(np.diff(found.velocity) > 0.0)
+    assert found.count.sum() == np.sum(rows.velocity != 0.0)
+    expected = 1.1 * found.velocity + 1.8 * np.sign(found.velocity) + 0.25
+    slow = np.abs(found.velocity) < 0.01
+    assert np.allclose(found.torque[~slow], expected[~slow], atol=0.02)
+    assert len(found.cloud_velocity) == len(found.cloud_torque) == 600

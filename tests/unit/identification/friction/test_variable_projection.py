@@ -1,0 +1,248 @@
+"""Variable projection: its derivatives, its optimum against searches that know nothing of it, its edges."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import differential_evolution, least_squares
+
+from symid.identification.friction.estimate import SearchOutcome
+from symid.identification.friction.estimators import search_friction
+from symid.identification.friction.problem import (
+    FrictionOptions,
+    Projector,
+    VariableProjectionOptions,
+    build_problem,
+)
+from symid.identification.friction.variable_projection import build_shape_grid, search_by_projection
+from symid.joint_models.friction_catalogue import get_law
+from symid.joint_models.friction_law import compute_friction_torque
+from tests.frictions import build_cosines, draw_s1, draw_s2, draw_samples
+
+OPTIONS = FrictionOptions()
+FREE = VariableProjectionOptions()
+TRUTHS = {
+    "tustin": (11.0, 20.0, 0.03, 24.0),
+    "stribeck": (11.0, 20.0, 0.03, 24.0),
+    "lorentzian": (11.0, 20.0, 0.03, 24.0),
+    "power-law": (5.0, 6.0, 0.6),
+    "stribeck-exponent": (11.6, 23.2, 0.0277, 1.6, 27.9),
+    "improved-stribeck": (11.64, 23.19, 0.02767, 27.88, 0.47, 0.01),
+    "improved-stribeck-h2": (11.64, 23.19, 0.02767, 27.88, 0.47, 0.01),
+    "improved-stribeck-h4": (11.64, 23.19, 0.02767, 27.88, 0.47, 0.01),
+    "improved-stribeck-exponent": (11.64, 23.19, 0.02767, 1.7, 27.88, 0.47, 0.01),
+    "makkar": (4.0, 100.0, 15.0, 10.0, 300.0, 8.0),
+}
+
+
+def build(name, seed=0):
+    law = get_law(name)
+    samples = draw_samples(law, TRUTHS[name], build_cosines(0.1, 1.0, count=400), noise=0.5, seed=seed)
+    return build_problem(samples, law, OPTIONS)
+
+
+def test_the_linear_part_is_the_least_squares_solution():
+    samples, law = draw_s1()
+    problem = build_problem(samples, law, OPTIONS)
+    state = Projector(problem, 10).project(problem.encode([0.04]))
+    expected, rest, *_ = np.linalg.lstsq(problem.find_columns([0.04]), problem.target, rcond=None)
+    np.testing.assert_allclose(state.linear, expected, rtol=1e-10)
+    assert state.objective == pytest.approx(float(rest[0]), rel=1e-12)
+
+
+@pytest.mark.parametrize("name", sorted(TRUTHS))
+def test_kaufmans_gradient_is_exact(name):
+    problem = build(name)
+    projector = Projector(problem, 10**6)
+    z = problem.encode(problem.law.from_physical(TRUTHS[name])[1]) + 0.0123
+    state = projector.project(z)
+    slope = 2.0 * projector.find_jacobian(state).T @ state.residual
+    step = 1e-6
+    for place in range(len(z)):
+        move = step * np.eye(len(z))[place]
+        rise = projector.project(z + move).objective - projector.project(z - move).objective
+        assert slope[place] == pytest.approx(rise / (2.0 * step), rel=1e-4, abs=1e-4)
+
+
+@pytest.mark.parametrize("name", sorted(TRUTHS))
+def test_no_other_search_finds_less(name):
+    problem = build(name)
+    search = search_by_projection(problem, FREE)
+    assert search.solves <= 150
+    projector = Projector(problem, 10**9)
+    low, high = problem.encode(problem.low), problem.encode(problem.high)
+    answer = differential_evolution(
+        lambda z: projector.project(z).objective,
+        list(zip(low, high, strict=True)),
+        seed=np.random.default_rng(3),
+        popsize=10,
+        maxiter=40,
+        tol=1e-10,
+    )
+    assert search.objective <= answer.fun * (1.0 + 1e-6)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_gauss_newton_from_the_truth_ends_at_the_same_point(seed):
+    samples, law = draw_s1(seed)
+    search = search_by_projection(build_problem(samples, law, OPTIONS), FREE)
+
+    def find_errors(x):
+        linear, shape = law.from_physical(x)
+        return compute_friction_torque(law, samples.inputs, linear, shape) - samples.torque
+
+    answer = least_squares(find_errors, (10.76, 19.68, 0.0385, 24.04), x_scale=(10, 10, 0.01, 10), xtol=1e-14)
+    assert search.objective == pytest.approx(2.0 * answer.cost, rel=1e-9)
+    np.testing.assert_allclose(law.to_physical(search.linear, search.shape), answer.x, rtol=1e-4)
+
+
+@pytest.mark.parametrize("joint", [1, 2, 3])
+def test_the_edge_of_the_zone_is_set_onto_the_best_kink(joint):
+    samples, law = draw_s2(joint, seed=11)
+    problem = build_problem(samples, law, OPTIONS)
+    search = search_by_projection(problem, FREE)
+    assert search.solves <= 150
+    projector = Projector(problem, 10**9)
+    around = problem.encode(search.shape)
+    answer = differential_evolution(
+        lambda z: projector.project(z).objective,
+        [(value - 0.1, value + 0.1) for value in around],
+        seed=np.random.default_rng(1),
+        popsize=10,
+        maxiter=60,
+        tol=1e-12,
+    )
+    assert search.objective <= answer.fun * (1.0 + 1e-9)
+
+
+def test_a_fixed_shape_value_is_not_searched():
+    samples, law = draw_s1()
+    fixed = FrictionOptions(bounds=(("vs", (0.04, 0.04)),))
+    search = search_by_projection(build_problem(samples, law, fixed), FREE)
+    assert search.shape.tolist() == [0.04]
+    assert search.solves == 1
+    assert search.outcome is SearchOutcome.CONVERGED
+
+
+def test_a_linear_law_is_solved_at_once():
+    law = get_law("coulomb-viscous")
+    samples = draw_samples(law, (11.0, 20.0), build_cosines(0.5), noise=0.0)
+    search = search_by_projection(build_problem(samples, law, OPTIONS), FREE)
+    np.testing.assert_allclose(law.to_physical(search.linear, search.shape), (11.0, 20.0), rtol=1e-12)
+    assert (search.solves, len(search.history)) == (1, 1)
+
+
+def test_the_limit_of_linear_problems_is_kept():
+    samples, law = draw_s2()
+    problem = build_problem(samples, law, OPTIONS)
+    search = search_by_projection(problem, VariableProjectionOptions(solves=55))
+    assert search.solves <= 55
+    assert search.outcome is SearchOutcome.LIMIT
+
+
+def test_a_shape_at_its_bound_and_dependent_columns_stay_finite():
+    law = get_law("stribeck")
+    # Backward motion is absent, so that the offset and Coulomb friction are one column.
+    samples = draw_samples(law, (11.0, 20.0, 0.03, 24.0), np.linspace(0.2, 1.0, 300), noise=0.0)
+    search = search_by_projection(build_problem(samples, get_law("stribeck+offset"), OPTIONS), FREE)
+    assert np.all(np.isfinite(search.linear))
+    assert search.objective < 1e-12
+
+
+def test_the_grid_stays_inside_the_bounds():
+    problem = build_problem(*draw_s2(), OPTIONS)
+    grid = np.array(build_shape_grid(problem, FREE))
+    assert len(grid) == 48
+    assert np.all((grid > problem.encode(problem.low)) & (grid < problem.encode(problem.high)))
+
+
+def test_the_same_samples_give_the_same_bits():
+    samples, law = draw_s2()
+    first, second = (
+        search_friction(build_problem(samples, law, OPTIONS), estimator="varpro", options=OPTIONS)
+        for _ in range(2)
+    )
+    assert first.objective == second.objective
+    assert first.shape.tobytes() == second.shape.tobytes()
+
+
+@pytest.mark.parametrize(("name", "size"), [("tustin", 0.5), ("tustin", 2.0), ("stribeck", 0.2)])
+def test_steps_that_go_too_far_do_not_alternate_about_the_optimum(name, size):
+    law, velocity = get_law("stribeck"), build_cosines(1.0)
+    samples = draw_samples(law, (11.0, 20.0, 0.05, 20.0), velocity[np.abs(velocity) > 0.1], noise=0.1)
+    # What the law misses bends the objective more than its linear model says.
+    rate = 12.0 if name == "tustin" else 20.0
+    samples = replace(samples, torque=samples.torque + size * np.sin(rate * samples.velocity))
+    problem = build_problem(samples, get_law(name), OPTIONS)
+    search = search_by_projection(problem, FREE)
+    assert search.outcome is SearchOutcome.CONVERGED
+    assert search.solves <= 100
+    projector = Projector(problem, 10**9)
+    z = problem.encode(search.shape)
+    around = [projector.project(z + step).objective for step in np.linspace(-1e-2, 1e-2, 21)]
+    assert search.objective <= min(around) * (1.0 + 1e-12)
+
+
+@pytest.mark.parametrize("joint", [1, 2, 3])
+def test_an_optimum_in_a_kink_ends_by_its_tolerance(joint):
+    samples, law = draw_s2(joint, seed=11)
+    search = search_by_projection(build_problem(samples, law, OPTIONS), FREE)
+    assert search.outcome is SearchOutcome.CONVERGED
+    assert search.solves < 150
+
+
+@pytest.mark.parametrize("truth", ["stribeck", "improved-stribeck", "improved-stribeck-h2", "tustin"])
+@pytest.mark.parametrize(
+    ("name", "slow"),
+    [
+        ("improved-stribeck", 0.0),
+        ("improved-stribeck", 0.02),
+        # Without slow rows H2 has no optimum: its zone closes on the slowest row, and fP grows without end.
+        ("improved-stribeck-h2", 0.0),
+        ("improved-stribeck-h4", 0.0),
+        ("improved-stribeck-h4", 0.02),
+    ],
+)
+def test_laws_with_kinks_and_jumps_end_by_their_tolerance_on_samples_of_others(name, truth, slow):
+    law, velocity = get_law(truth), build_cosines(0.1, 1.0, count=400)
+    samples = draw_samples(law, TRUTHS[truth], velocity[np.abs(velocity) >= slow], noise=0.5, seed=3)
+    problem = build_problem(samples, get_law(name), OPTIONS)
+    search = search_by_projection(problem, FREE)
+    assert search.outcome is SearchOutcome.CONVERGED
+    assert search.solves <= 150
+    projector = Projector(problem, 10**9)
+    z = problem.encode(search.shape)
+    low, high = problem.encode(problem.low), problem.encode(problem.high)
+    for place in range(len(z)):
+        for move in (-1e-7, 1e-7):
+            near = np.array(z)
+            near[place] = np.clip(near[place] + move, low[place], high[place])
+            assert search.objective <= projector.project(near).objective * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize("name", ["improved-stribeck", "improved-stribeck-h2"])
+def test_the_gain_beside_a_kink_is_that_of_the_slope_there(name):
+    problem = build(name)
+    projector = Projector(problem, 10**6)
+    speed = np.unique(np.abs(problem.samples.velocity))[8]
+    state = projector.project(problem.encode([0.03, speed]))
+    slopes, step = [], 1e-6
+    for side in (-1.0, 1.0):
+        near = projector.project(state.z + np.array([0.0, side * step]))
+        slope = (near.objective - state.objective) / step
+        gain = projector.find_side_gain(state, 1, side)
+        if slope >= 0.0:
+            assert gain == 0.0
+            continue
+        slopes.append(slope)
+        rate = projector.find_jacobian(near)[:, 1]
+        assert gain == pytest.approx(slope**2 / (4.0 * float(rate @ rate)), rel=1e-2)
+    assert slopes
+
+
+def test_no_gain_is_promised_beyond_the_end_of_the_search():
+    problem = build("improved-stribeck")
+    projector = Projector(problem, 10**6)
+    for side, end in ((-1.0, problem.low), (1.0, problem.high)):
+        state = projector.project(problem.encode([0.03, end[1]]))
+        assert projector.find_side_gain(state, 1, side) == 0.0

@@ -1,0 +1,145 @@
+"""Triangles stand for all rows: the same sums of squares, the same fits, however the rows come."""
+
+import gc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symid.errors import UsageError
+from symid.identification.estimators.least_squares import fit_condensed, fit_ols, fit_wls
+from symid.identification.regression import identifiability as condensation
+from symid.identification.regression.equations import build_rows, select_rows
+from symid.identification.regression.identifiability import (
+    analyse_condensed,
+    analyse_identifiability,
+    compute_square_sums,
+    condense_rows,
+    condense_weighted,
+    extend_triangle,
+    stack_condensed,
+)
+from symid.identification.regression.long_logs import condense_parts, condense_signals, join_condensed
+from symid.robot.description import Processing
+from tests.recovery.closed_form import TWO_LINK_TRUTH, build_signals, build_two_link
+
+PLAIN = Processing()
+
+
+@pytest.fixture(scope="module")
+def library():
+    return build_two_link()
+
+
+@pytest.fixture(scope="module")
+def signals(library):
+    return build_signals(library, TWO_LINK_TRUTH, samples=9001, noise=(0.5, 0.2))
+
+
+@pytest.fixture(scope="module")
+def rows(library, signals):
+    return build_rows("torque", library, signals, PLAIN)
+
+
+def test_square_sums_are_those_of_the_rows(rows):
+    condensed = condense_rows(rows)
+    for values in (TWO_LINK_TRUTH, np.zeros(12), np.arange(12.0)):
+        errors = rows.values - rows.matrix @ values
+        expected = [np.sum(errors[rows.group == joint] ** 2) for joint in (0, 1)]
+        np.testing.assert_allclose(compute_square_sums(condensed, values), expected, rtol=1e-10)
+    np.testing.assert_array_equal(condensed.counts, [9001, 9001])
+    assert not np.tril(condensed.factors, -1).any()
+
+
+def test_rows_in_any_order_condense_to_the_same(rows):
+    order = np.random.default_rng(0).permutation(len(rows.values))
+    names = ("matrix", "values", "group", "time", "velocity", "run", "weight")
+    shuffled = replace(rows, **{name: getattr(rows, name)[order] for name in names})
+    products = [f.transpose(0, 2, 1) @ f for f in (condense_rows(r).factors for r in (rows, shuffled))]
+    np.testing.assert_allclose(products[0], products[1], rtol=1e-9, atol=1e-6)
+
+
+def test_columns_without_entries_stay_empty_until_they_have_some():
+    first, second = np.zeros((5, 4)), np.ones((5, 4))
+    first[:, 1] = np.arange(5)
+    triangle = extend_triangle(np.zeros((4, 4)), [first])
+    assert np.count_nonzero(triangle.any(axis=0)) == 1
+    both = np.vstack([first, second])
+    whole = extend_triangle(triangle, [second])
+    np.testing.assert_allclose(whole.T @ whole, both.T @ both, atol=1e-12)
+
+
+def test_a_weight_of_zero_is_a_row_left_out(rows):
+    keep = rows.time < 4.0
+    cut = condense_rows(select_rows(rows, keep))
+    zero = condense_weighted(rows, keep * 1.0)
+    np.testing.assert_allclose(
+        compute_square_sums(zero, TWO_LINK_TRUTH), compute_square_sums(cut, TWO_LINK_TRUTH), rtol=1e-10
+    )
+    np.testing.assert_array_equal(zero.counts, cut.counts)
+
+
+def test_rows_are_factorised_once_and_forgotten_with_them(library, signals):
+    fresh = build_rows("torque", library, signals, PLAIN)
+    assert condense_rows(fresh) is condense_rows(fresh)
+    known = len(condensation._KNOWN)
+    del fresh
+    gc.collect()
+    assert len(condensation._KNOWN) < known
+
+
+@pytest.mark.parametrize("freedom", ["band", "one"])
+def test_condensed_fits_are_those_of_the_rows(rows, freedom):
+    seen = analyse_identifiability(rows)
+    for fit, weighted in ((fit_ols, False), (fit_wls, True)):
+        expected = fit(rows, seen, freedom)
+        found = fit_condensed(condense_rows(rows), seen.basis, weighted=weighted, freedom=freedom)
+        np.testing.assert_allclose(found.values, expected.values, rtol=1e-9)
+        np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-7, atol=1e-18)
+        assert found.condition == pytest.approx(expected.condition)
+
+
+def test_signals_in_pieces_give_the_fit_of_all_rows(library, signals, rows):
+    pieces = (
+        type(signals)(
+            **{name: getattr(signals, name)[part] for name in ("time", "q", "dq", "ddq", "tau")},
+            period=signals.period,
+        )
+        for part in (slice(0, 5000), slice(5000, 5100), slice(5100, None))
+    )
+    condensed = condense_signals(library, pieces)
+    seen = analyse_condensed(condensed, "torque", rows.names)
+    found = fit_condensed(condensed, seen.basis)
+    expected = fit_wls(rows, analyse_identifiability(rows))
+    np.testing.assert_allclose(found.values, expected.values, rtol=1e-9)
+    np.testing.assert_allclose(np.diag(found.covariance), np.diag(expected.covariance), rtol=1e-7)
+
+
+def test_parts_are_worth_what_all_of_them_are(rows):
+    halves = [select_rows(rows, rows.time < 4.0), select_rows(rows, rows.time >= 4.0)]
+    halves[1] = replace(halves[1], independent=0.5)
+    found = condense_parts(iter(halves))
+    np.testing.assert_allclose(
+        compute_square_sums(found, TWO_LINK_TRUTH),
+        compute_square_sums(condense_rows(rows), TWO_LINK_TRUTH),
+        rtol=1e-10,
+    )
+    sizes = [len(half.values) for half in halves]
+    assert found.independent == pytest.approx((sizes[0] + 0.5 * sizes[1]) / sum(sizes))
+    both = join_condensed(condense_rows(halves[0]), condense_rows(halves[1]))
+    np.testing.assert_array_equal(both.counts, found.counts)
+
+
+def test_rows_that_cannot_be_condensed_are_refused(library, signals):
+    power = build_rows("power", library, signals, PLAIN)
+    for parts in ([power], []):
+        with pytest.raises(UsageError) as caught:
+            condense_parts(parts)
+        assert caught.value.notices[0].code == "usage.streamed-rows"
+
+
+def test_one_triangle_of_all_groups(rows):
+    weights = np.array([2.0, 3.0])
+    triangle = stack_condensed(condense_rows(rows), weights)
+    scaled = rows.matrix * weights[rows.group][:, None]
+    np.testing.assert_allclose(triangle[:, :-1].T @ triangle[:, :-1], scaled.T @ scaled, rtol=1e-9, atol=1e-6)

@@ -1,0 +1,43 @@
+import numpy as np
+import pytest
+
+from symid.errors import UsageError
+from symid.identification.regression.equations import choose_windows, integrate_windows
+
+
+def test_simpson_is_exact_for_cubics():
+    time = np.linspace(0.0, 2.0, 41)
+    windows = choose_windows(41, 0.05, 0.5)
+    assert (windows.count, windows.intervals) == (4, 10)
+    found = integrate_windows(np.column_stack([time**3, np.ones(41)]), windows)
+    ends = time[windows.ends]
+    np.testing.assert_allclose(found[:, 0], np.diff(ends**4) / 4, rtol=1e-13)
+    np.testing.assert_allclose(found[:, 1], np.diff(ends), rtol=1e-13)
+
+
+def test_error_falls_with_the_fourth_power_of_the_period():
+    errors = []
+    for samples in (201, 401):
+        time = np.linspace(0.0, 1.0, samples)
+        total = integrate_windows(np.exp(3 * time), choose_windows(samples, time[1], 0.1)).sum()
+        errors.append(abs(total - (np.exp(3) - 1) / 3))
+    assert errors[0] / errors[1] == pytest.approx(16, rel=0.05)
+
+
+def test_samples_that_fill_no_window_are_left_over():
+    windows = choose_windows(100, 0.01, 0.1)
+    assert windows.count == 9
+    assert integrate_windows(np.ones((100, 2)), windows).shape == (9, 2)
+
+
+@pytest.mark.parametrize("length", [0.0, -1.0, 0.005, 100.0])
+def test_windows_that_do_not_fit_are_refused(length):
+    with pytest.raises(UsageError, match=r"window of .* at least two sample periods \(0.02 s\)") as caught:
+        choose_windows(101, 0.01, length)
+    assert caught.value.notices[0].code == "usage.window"
+
+
+def test_windows_that_overlap_too_much_are_told_as_they_were_asked_for():
+    with pytest.raises(UsageError, match=r"window of 0.1 s, each begun 0.01 s after the last.*less overlap"):
+        choose_windows(101, 0.01, 0.1, pieces=10)
+    assert choose_windows(101, 0.01, 0.4, pieces=10) == choose_windows(101, 0.01, 0.04)

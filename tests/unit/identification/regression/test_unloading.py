@@ -1,0 +1,42 @@
+"""The torque of a known payload is taken off, of the model that it was stated for."""
+
+import numpy as np
+import pytest
+
+from symid.errors import LogError
+from symid.identification.regression.preparation import compute_payload_torque, subtract_payload_torque
+from symid.logs.recording import Recording, RunSettings
+from tests.recovery.closed_form import TWO_LINK_TRUTH, build_signals, build_two_link
+
+
+def record(load):
+    signals = build_signals(build_two_link(), TWO_LINK_TRUTH, samples=101)
+    run = RunSettings(file="log.npz", payload="disc", load=load)
+    return signals, Recording(
+        time=signals.time, position=signals.q, torque=signals.tau, source="log.npz", run=run
+    )
+
+
+def test_what_beta_changes_by_is_taken_off():
+    load = (0.1, 0.2, -0.05, 0.02, 0.08, 0.01)
+    signals, recording = record(load)
+    library = build_two_link()
+    (rigid,) = library.evaluate("torque_regressor", signals.q, signals.dq, signals.ddq)
+    without = subtract_payload_torque(library, signals, recording)
+    np.testing.assert_allclose(signals.tau - without.tau, rigid @ np.array(load), rtol=1e-12, atol=1e-12)
+    np.testing.assert_array_equal(without.q, signals.q)
+
+
+def test_without_one_nothing_changes():
+    signals, recording = record(())
+    assert compute_payload_torque(build_two_link(), signals, recording) is None
+    assert subtract_payload_torque(build_two_link(), signals, recording) is signals
+
+
+def test_a_payload_of_another_model_is_refused():
+    signals, recording = record((1.0, 2.0))
+    with pytest.raises(LogError) as caught:
+        subtract_payload_torque(build_two_link(), signals, recording)
+    (notice,) = caught.value.notices
+    assert (notice.code, notice.file) == ("log.payload-model", "log.npz")
+    assert "changes 2 base parameters, the model has 6" in notice.text

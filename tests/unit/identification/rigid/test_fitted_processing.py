@@ -1,0 +1,266 @@
+"""Validation, band and diagnosis process a log as the fit did, unless something else is stated."""
+
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+
+from symid.errors import EstimateError, UsageError
+from symid.identification.diagnostics.torque_prediction import predict_torques
+from symid.identification.regression.equations import stack_rows
+from symid.identification.regression.preparation import choose_filters, prepare_rows
+from symid.identification.rigid.diagnosis import diagnose_estimate
+from symid.identification.rigid.fit import identify_parameters
+from symid.identification.rigid.validation import (
+    get_fit_overlap,
+    get_fit_window,
+    get_run_weights,
+    get_usable_window,
+    read_fit_processing,
+    resolve_processing,
+    validate_estimate,
+)
+from symid.logs.recording import Recording, cut_recording
+from symid.logs.signals import choose_processing
+from symid.robot.description import Decimation, Processing
+from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
+
+AUTOMATIC = Processing(automatic=True)
+LIBRARY = build_two_link()
+
+
+def record(noise, seed, samples=8001):
+    clean = build_recording(LIBRARY, TWO_LINK_TRUTH, samples=samples, seed=seed)
+    generator = np.random.default_rng(seed)
+    return Recording(
+        time=clean.time,
+        position=clean.position + noise * generator.normal(size=clean.position.shape),
+        torque=clean.torque + generator.normal(size=clean.torque.shape),
+        source=f"made {seed}",
+    )
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    """Return a log whose noise asks for more than the rule of the sample rate."""
+    recording = record(1e-3, 1)
+    chosen = choose_filters(AUTOMATIC, [recording]).processing
+    usual = choose_processing(AUTOMATIC, recording.period)
+    assert chosen.filter_cutoff < usual.filter_cutoff
+    assert chosen.decimation.factor > usual.decimation.factor
+    return recording
+
+
+@pytest.fixture(scope="module")
+def estimate(noisy):
+    return identify_parameters(LIBRARY, [noisy], AUTOMATIC)
+
+
+def test_the_estimate_says_what_was_chosen(noisy, estimate):
+    assert estimate.settings["chosen"] == ["filter_cutoff", "decimation.factor"]
+    assert estimate.settings["sample_period"] == noisy.period
+    chosen = choose_filters(AUTOMATIC, [noisy]).processing
+    assert read_fit_processing(estimate.settings) == chosen
+    stated = identify_parameters(LIBRARY, [noisy], chosen)
+    assert "chosen" not in stated.settings
+    assert stated.parameters == estimate.parameters
+
+
+def test_a_log_of_the_same_period_is_processed_as_the_fit(noisy, estimate):
+    """A clean log would be filtered otherwise by itself; what the fit chose counts."""
+    clean = record(0.0, 2)
+    own = choose_filters(AUTOMATIC, [clean]).processing
+    fitted = read_fit_processing(estimate.settings)
+    assert own != fitted
+    settled = resolve_processing(estimate, AUTOMATIC, clean)
+    assert settled.processing == fitted
+    assert settled.origin == {"filter_cutoff": "fit", "decimation.factor": "fit"}
+    assert "as in the fit" in settled.tell()
+    assert validate_estimate(estimate, LIBRARY, clean, AUTOMATIC).residual == (
+        validate_estimate(estimate, LIBRARY, clean, fitted).residual
+    )
+
+
+def test_the_fit_and_its_validation_leave_the_same(noisy, estimate):
+    again = validate_estimate(estimate, LIBRARY, noisy, AUTOMATIC)
+    assert again.samples == estimate.samples
+    for mine, other in zip(again.residual, estimate.residual, strict=True):
+        assert mine.norm == pytest.approx(other.norm, rel=1e-12)
+
+
+def test_what_is_stated_wins_entry_by_entry(noisy, estimate):
+    half = resolve_processing(estimate, replace(AUTOMATIC, filter_cutoff=33.0), noisy)
+    fitted = read_fit_processing(estimate.settings)
+    assert half.processing.filter_cutoff == 33.0
+    assert half.processing.decimation.factor == fitted.decimation.factor
+    assert half.origin == {"filter_cutoff": "stated", "decimation.factor": "fit"}
+    assert "33 Hz (as stated)" in half.tell()
+    assert f"one row in {fitted.decimation.factor} is kept (as in the fit)" in half.tell()
+    whole = resolve_processing(estimate, Processing(), noisy)
+    assert whole.processing == Processing()
+    assert whole.tell() == "positions pass no filter, and every row is kept: as stated"
+
+
+def test_another_sample_period_is_chosen_from_the_log(noisy, estimate):
+    slow = cut_recording(noisy, slice(None, None, 4))
+    settled = resolve_processing(estimate, AUTOMATIC, slow)
+    assert settled.processing == choose_filters(AUTOMATIC, [slow]).processing
+    assert set(settled.origin.values()) == {"log"}
+    assert "chosen from this log" in settled.tell()
+    assert [notice.code for notice in settled.notices] == ["identify.automatic"]
+    assert validate_estimate(estimate, LIBRARY, slow, AUTOMATIC).processing == settled
+
+
+def test_an_estimate_that_does_not_say_its_period_is_not_followed(noisy, estimate):
+    settings = {key: entry for key, entry in estimate.settings.items() if key != "sample_period"}
+    for told in ({}, {"sample_period": "1 ms"}, {"sample_period": -1.0}):
+        silent = replace(estimate, settings={**settings, **told})
+        assert set(resolve_processing(silent, AUTOMATIC, noisy).origin.values()) == {"log"}
+
+
+def test_rows_and_band_have_the_rule_of_the_fit(noisy):
+    chosen = choose_filters(AUTOMATIC, [noisy]).processing
+    rows = [prepare_rows("torque", LIBRARY, noisy, entry, window=0.1) for entry in (AUTOMATIC, chosen)]
+    assert np.array_equal(rows[0].matrix, rows[1].matrix)
+    found = [
+        predict_torques(TWO_LINK_TRUTH, LIBRARY, noisy, entry, band=10.0) for entry in (AUTOMATIC, chosen)
+    ]
+    assert np.array_equal(found[0].predicted, found[1].predicted)
+
+
+@pytest.mark.parametrize("estimator", ["ols", "wls", "huber", "sequential"])
+@pytest.mark.parametrize("rows", [{"rows": "torque"}, {"rows": "momentum", "window": 0.06, "overlap": 0.5}])
+def test_a_diagnosis_makes_the_same_fit(noisy, estimator, rows):
+    recordings = [noisy, record(1e-3, 3)]
+    processing = replace(AUTOMATIC, drop_first=100, standstill=0.01, noise_freedom="one")
+    found = identify_parameters(
+        LIBRARY, recordings, processing, estimator=estimator, weights=(1.0, 0.25), **rows
+    )
+    diagnosis = diagnose_estimate(found, LIBRARY, recordings, processing)
+    assert diagnosis.refit <= 1e-12
+    assert not diagnosis.notices
+    # Without one of the settings, it is another fit.
+    for name in ("weights", *(("overlap", "window") if "overlap" in rows else ())):
+        settings = {key: value for key, value in found.settings.items() if key != name}
+        other = diagnose_estimate(replace(found, settings=settings), LIBRARY, recordings, processing)
+        assert other.refit > 1e-3
+        assert [notice.code for notice in other.notices] == ["diagnosis.other-values"]
+
+
+def find_held(recordings, weights, judged, fitted):
+    """Return what fits to four fifths of the time leave of decimated rows of the other, ols, in memory."""
+    rows, other = (
+        stack_rows([prepare_rows("torque", LIBRARY, entry, how, window=0.1) for entry in recordings], weights)
+        for how in (judged, fitted)
+    )
+
+    def number(some):
+        found = np.empty(len(some.values), dtype=int)
+        for group in (0, 1):
+            for block, part in enumerate(np.array_split(np.flatnonzero(some.group == group), 100)):
+                found[part] = block // 20
+        return found
+
+    left = 0.0
+    for fold in range(5):
+        train, held = number(other) != fold, number(rows) == fold
+        root = np.sqrt(other.weight[train])
+        values = np.linalg.lstsq(other.matrix[train] * root[:, None], other.values[train] * root)[0]
+        error = (rows.values[held] - rows.matrix[held] @ values) * np.sqrt(rows.weight[held])
+        left += error @ error
+    return np.sqrt(left)
+
+
+@pytest.mark.parametrize("freedom", ["band", "one"])
+def test_the_price_of_decimation_is_that_of_stated_deviations(noisy, freedom):
+    """The oracle: the same fit to every sample, in memory."""
+    recordings, weights = [noisy, record(1e-3, 3)], (1.0, 0.25)
+    processing = replace(AUTOMATIC, noise_freedom=freedom)
+    some = identify_parameters(LIBRARY, recordings, processing, weights=weights)
+    held, price = diagnose_estimate(some, LIBRARY, recordings, processing).prices
+    assert price.of.startswith("stated deviations, median")
+    fitted = read_fit_processing(some.settings)
+    assert price.what == f"one row in {fitted.decimation.factor} against every sample"
+    every = replace(fitted, decimation=Decimation())
+    all_rows = identify_parameters(LIBRARY, recordings, every, weights=weights)
+    ratios = [
+        ours.std / theirs.std for ours, theirs in zip(some.parameters, all_rows.parameters, strict=True)
+    ]
+    assert price.percent == pytest.approx(100.0 * (np.median(ratios) - 1.0), rel=1e-6)
+    assert held.of == "residual of held-out stretches of time"
+    left = [find_held(recordings, weights, fitted, entry) for entry in (fitted, every)]
+    assert held.percent == pytest.approx(100.0 * (left[0] / left[1] - 1.0), abs=1e-5)
+
+
+def test_an_estimator_that_needs_more_is_not_fitted_again(noisy):
+    found = identify_parameters(LIBRARY, [noisy], AUTOMATIC, estimator="gls")
+    assert diagnose_estimate(found, LIBRARY, [noisy], AUTOMATIC).refit is None
+
+
+def test_weights_of_logs_count_in_the_structure_of_the_residual():
+    """A second log with a spring that the first has not: of no weight, it is not heard."""
+    clean, other = record(0.0, 4), record(0.0, 5)
+    spring = np.column_stack([np.zeros(len(other.time)), 30.0 * other.position[:, 1]])
+    bent = replace(other, torque=other.torque + spring)
+    estimate = identify_parameters(LIBRARY, [clean], AUTOMATIC)
+    found = []
+    for weights in ((1.0, 1.0), (1.0, 1e-6)):
+        weighed = replace(estimate, settings={**estimate.settings, "weights": list(weights)})
+        diagnosis = diagnose_estimate(weighed, LIBRARY, [clean, bent], AUTOMATIC)
+        found.append({(entry.joint, entry.family) for entry in diagnosis.structure})
+    assert any(joint == "joint2" for joint, _ in found[0])
+    assert not any(joint == "joint2" for joint, _ in found[1])
+
+
+@pytest.mark.parametrize(
+    ("read", "settings"),
+    [
+        (get_fit_window, {"window": 0}),
+        (get_fit_window, {"window": "x"}),
+        (get_fit_overlap, {"overlap": 1.0}),
+        (get_fit_overlap, {"overlap": True}),
+        (read_fit_processing, {}),
+        (read_fit_processing, {"processing": 3}),
+        (read_fit_processing, {"processing": {**asdict(Processing()), "strange": 1}}),
+        (read_fit_processing, {"processing": {"filter_cutoff": "80"}}),
+        (read_fit_processing, {"processing": {"filter_cutoff": [80]}}),
+        (read_fit_processing, {"processing": {"filter_cutoff": -80}}),
+        (read_fit_processing, {"processing": {"decimation": {"factor": "3"}}}),
+        (read_fit_processing, {"processing": {"decimation": {"factor": -3}}}),
+        (read_fit_processing, {"processing": {"decimation": {"factor": 2.5}}}),
+        (lambda settings: get_run_weights(settings, 2), {"weights": [1.0]}),
+        (lambda settings: get_run_weights(settings, 2), {"weights": [1.0, -1.0]}),
+        (lambda settings: get_run_weights(settings, 2), {"weights": 3}),
+    ],
+)
+def test_settings_that_cannot_be_read_are_refused(read, settings):
+    with pytest.raises(EstimateError, match="no usable") as caught:
+        read(settings)
+    assert caught.value.notices[0].code == "estimate.settings"
+
+
+def test_settings_that_say_nothing_have_defaults():
+    assert (get_fit_window({}), get_fit_overlap({}), get_run_weights({}, 2)) == (0.1, 0.0, None)
+    assert get_run_weights({"weights": [2, 0.5]}, 2) == (2.0, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("overlap", "step", "expected"),
+    [(0.0, 1e-2, 2e-2), (0.5, 1e-2, 4e-2), (0.5, 2e-3, 1e-2), (0.0, 2e-3, 1e-2)],
+)
+def test_windows_too_short_for_a_coarse_log_become_longer(overlap, step, expected):
+    time = step * np.arange(200)
+    position = np.column_stack([np.sin(9.0 * time), np.cos(7.0 * time)])
+    recording = Recording(time=time, position=position, torque=position, source="coarse")
+    settings = {"window": 1e-2, "overlap": overlap}
+    window, notices = get_usable_window(settings, recording)
+    assert window == pytest.approx(expected)
+    assert [(entry.code, entry.file) for entry in notices] == [("validate.longer-windows", "coarse")] * (
+        expected > 1e-2
+    )
+    # The window serves, and where another one took its place the fit's would not have.
+    call = ("momentum", LIBRARY, recording, Processing(filter_cutoff=20.0))
+    assert len(prepare_rows(*call, window=window, overlap=overlap).values) > 0
+    if notices:
+        with pytest.raises(UsageError, match="two sample periods"):
+            prepare_rows(*call, window=1e-2, overlap=overlap)

@@ -1,0 +1,247 @@
+"""Logs whose rows do not go into memory: the same estimate, notices included, as from rows in memory."""
+
+import tracemalloc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symid.errors import IdentifiabilityError
+from symid.identification.diagnostics.fit_warnings import compute_block_deviations
+from symid.identification.diagnostics.residual_structure import analyse_structure
+from symid.identification.diagnostics.uncertainty import compute_mean_weights, measure_drift
+from symid.identification.estimators.least_squares import RegressionFit
+from symid.identification.estimators.linear_estimators import fit_rows
+from symid.identification.regression.equations import cut_rows, stack_rows
+from symid.identification.regression.identifiability import RankRule, analyse_identifiability
+from symid.identification.regression.long_logs import RowBuilder, condense_recordings
+from symid.identification.regression.preparation import prepare_rows, prepare_states
+from symid.identification.rigid.fit import (
+    compute_long_covariance,
+    fit_long,
+    fit_run,
+    identify_parameters,
+    is_long,
+)
+from symid.logs.recording import Recording
+from symid.logs.signals import decimate_blocks, decimate_columns
+from symid.robot.description import Decimation, Processing
+from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
+
+LIBRARY = build_two_link()
+PROCESSING = Processing(filter_cutoff=60.0, standstill=0.3, drop_first=120, decimation=Decimation(factor=7))
+
+
+def record(seed, samples=20001, spring=0.0, friction=1.0):
+    truth = TWO_LINK_TRUTH.copy()
+    truth[6] *= friction
+    clean = build_recording(LIBRARY, truth, samples=samples, seed=seed)
+    generator = np.random.default_rng(seed)
+    torque = clean.torque + generator.normal(size=clean.torque.shape)
+    torque[:, 1] += spring * clean.position[:, 1]
+    return Recording(time=clean.time, position=clean.position, torque=torque, source=f"made {seed}")
+
+
+@pytest.fixture(scope="module")
+def recordings():
+    """Return logs that differ in length and in a spring that the model has not."""
+    return [record(1), record(2, 41000, spring=40.0)]
+
+
+def compare(one, other):
+    """Compare two estimates to 1e-9 of their values, all else exactly."""
+    for first, second in zip(one.parameters, other.parameters, strict=True):
+        assert first.name == second.name
+        assert second.value == pytest.approx(first.value, rel=1e-9)
+        assert second.std == pytest.approx(first.std, rel=1e-9)
+    for first, second in zip(one.residual, other.residual, strict=True):
+        assert (first.joint, first.samples, first.unit) == (second.joint, second.samples, second.unit)
+        for name in ("norm", "relative_percent", "std"):
+            assert getattr(second, name) == pytest.approx(getattr(first, name), rel=1e-9)
+    np.testing.assert_allclose(other.covariance, one.covariance, rtol=1e-9, atol=1e-12)
+    assert other.condition == pytest.approx(one.condition, rel=1e-9)
+    assert other.notices == one.notices
+    same = ("samples", "settings", "refused", "outcome", "sources")
+    assert [getattr(one, name) for name in same] == [getattr(other, name) for name in same]
+
+
+@pytest.mark.parametrize("estimator", ["ols", "wls"])
+@pytest.mark.parametrize("freedom", ["band", "parameters", "one"])
+@pytest.mark.parametrize(
+    "rows",
+    [{"rows": "torque"}, {"rows": "momentum", "window": 0.04, "overlap": 0.75}],
+    ids=["torque", "momentum"],
+)
+def test_blocks_give_what_memory_gives(recordings, estimator, freedom, rows):
+    processing = replace(PROCESSING, noise_freedom=freedom)
+    call = (LIBRARY, recordings, processing)
+    options = {"estimator": estimator, "weights": (1.0, 0.3), **rows}
+    whole = identify_parameters(*call, **options)
+    compare(whole, identify_parameters(*call, **options, largest=0.0))
+    codes = {notice.code for notice in whole.notices}
+    assert {"identify.slow-rows", "identify.pattern", "identify.structure"} <= codes
+
+
+@pytest.mark.parametrize("freedom", ["band", "one"])
+@pytest.mark.parametrize("kind", ["torque", "momentum"])
+def test_deviations_of_blocks_and_of_single_logs(kind, freedom):
+    """The friction of the first joint has grown by half between the logs."""
+    recordings = [record(1), record(2, 41000, friction=1.5)]
+    maker = RowBuilder(kind, LIBRARY, PROCESSING, 0.04, 0.5)
+    rows = stack_rows([maker.prepare(entry) for entry in recordings], (1.0, 0.3))
+    seen = analyse_identifiability(rows)
+    fit = fit_rows("wls", rows, seen, freedom)
+    long = condense_recordings(maker, recordings, (1.0, 0.3))
+    sketch, weights = long.sketch(), compute_mean_weights(rows, fit)
+    covariance = compute_long_covariance(long, weights, freedom)
+    np.testing.assert_allclose(np.diag(covariance), np.diag(fit.covariance), rtol=1e-9)
+    small = RegressionFit(
+        values=fit.values,
+        covariance=fit.covariance,
+        residuals=sketch.values - sketch.matrix @ fit.values,
+        spent=0,
+        condition=1.0,
+        weights=weights[sketch.group],
+    )
+    np.testing.assert_allclose(
+        compute_block_deviations(sketch, small, seen), compute_block_deviations(rows, fit, seen), rtol=1e-9
+    )
+    whole = measure_drift(rows, fit, freedom)
+    blocks = measure_drift(
+        long.outline, fit, freedom, lambda run, groups: fit_run(long, run, groups, freedom)
+    )
+    assert (whole.runs, whole.compared, whole.residual) == (blocks.runs, blocks.compared, blocks.residual)
+    assert [entry.name for entry in whole.changed] == [entry.name for entry in blocks.changed]
+    assert whole.changed
+    for one, other in zip(whole.changed, blocks.changed, strict=True):
+        np.testing.assert_allclose(other.values, one.values, rtol=1e-9)
+        np.testing.assert_allclose(other.deviations, one.deviations, rtol=1e-9)
+
+
+def test_every_sample_without_decimation(recordings):
+    plain = replace(PROCESSING, decimation=Decimation(), filter_torque=True)
+    call = (LIBRARY, recordings[:1], plain)
+    compare(identify_parameters(*call), identify_parameters(*call, largest=0.0))
+
+
+def test_joints_at_rest_and_refused_parameters(recordings):
+    """The second joint rests in one log, and the first in the other."""
+    logs = []
+    for joint, log in enumerate(recordings):
+        position = log.position.copy()
+        position[:, joint] = 0.2
+        logs.append(replace(log, position=position))
+    for some in (logs, logs[:1]):
+        whole = identify_parameters(LIBRARY, some, PROCESSING)
+        assert "identify.joint-at-rest" in {notice.code for notice in whole.notices}
+        compare(whole, identify_parameters(LIBRARY, some, PROCESSING, largest=0.0))
+    with pytest.raises(IdentifiabilityError) as caught:
+        identify_parameters(LIBRARY, logs[:1], PROCESSING, rule=RankRule(least=1.0), largest=0.0)
+    assert "identify.poor-log" in {notice.code for notice in caught.value.notices}
+
+
+def test_what_blocks_cannot_do_is_done_in_memory(recordings):
+    maker = RowBuilder("torque", LIBRARY, PROCESSING, 0.1, 0.0)
+    assert is_long(maker, recordings, "wls", 0.0)
+    assert not is_long(maker, recordings, "huber", 0.0)
+    assert not is_long(maker._replace(kind="energy"), recordings, "wls", 0.0)
+    rows = sum(len(entry.time) for entry in recordings) / PROCESSING.decimation.factor * LIBRARY.card.size
+    size = 8.0 * rows * (len(TWO_LINK_TRUTH) + 1)
+    assert is_long(maker, recordings, "ols", 0.99 * size)
+    assert not is_long(maker, recordings, "ols", 1.01 * size)
+    # Too few equations for blocks: those of the second joint, which is slow.
+    short = [record(3, 900)]
+    assert condense_recordings(maker, short, None) is None
+    whole, again = (identify_parameters(LIBRARY, short, PROCESSING, largest=size) for size in (1e9, 0.0))
+    assert whole == again
+
+
+@pytest.mark.parametrize("samples", [200, 16383, 16384, 60007])
+@pytest.mark.parametrize("factor", [1, 2, 10, 37])
+def test_blocks_are_decimated_as_the_whole(samples, factor):
+    """White noise and a step at either end: what a filter remembers longest."""
+    values = np.random.default_rng(samples).normal(size=(samples, 3, 2)).cumsum(axis=0)
+    decimation = Decimation(factor=factor)
+    whole = decimate_columns(values, decimation)
+    found, places = np.full_like(whole, np.nan), []
+    for part, rows in decimate_blocks(lambda part: values[part], samples, decimation):
+        found[part] = rows
+        places += range(part.start, part.stop)
+    assert places == list(range(len(whole)))
+    assert np.abs(found - whole).max() < 1e-12 * np.abs(whole).max()
+
+
+@pytest.mark.parametrize("overlap", [0.0, 0.5, 0.9])
+@pytest.mark.parametrize("kind", ["torque", "momentum"])
+def test_blocks_are_the_rows(recordings, kind, overlap):
+    processing = replace(PROCESSING, standstill=0.0)
+    rows = prepare_rows(kind, LIBRARY, recordings[0], processing, window=0.02, overlap=overlap)
+    signals = prepare_states(LIBRARY, recordings[0], processing)
+    blocks = list(cut_rows(kind, LIBRARY, signals, processing, window=0.02, overlap=overlap))
+    assert [part.start for part, _ in blocks] == [0, *(part.stop for part, _ in blocks)][:-1]
+    whole = np.concatenate([matrix for _, matrix in blocks]).swapaxes(0, 1).reshape(rows.matrix.shape)
+    np.testing.assert_allclose(whole, rows.matrix, rtol=0, atol=1e-12 * np.abs(rows.matrix).max())
+
+
+def test_structure_of_very_long_logs_is_that_of_some_of_their_rows(recordings):
+    call = (TWO_LINK_TRUTH, LIBRARY, recordings, PROCESSING)
+    whole = analyse_structure(*call)
+    assert {(entry.joint, entry.family) for entry in whole} >= {("joint2", "position")}
+    rows = sum(len(entry.time) for entry in recordings) / PROCESSING.decimation.factor
+    some = analyse_structure(*call, largest=8.0 * rows * (len(TWO_LINK_TRUTH) + 1) / 4.5)
+    found = {(entry.joint, entry.family): entry for entry in some}
+    for entry in whole:
+        if entry.share_percent > 10.0:
+            assert found[entry.joint, entry.family].share_percent == pytest.approx(
+                entry.share_percent, rel=0.1
+            )
+            assert found[entry.joint, entry.family].rms == pytest.approx(entry.rms, rel=0.1)
+
+
+class Wide:
+    """A library of two joints with 80 parameters each, whatever they mean."""
+
+    backend, notices, names = "numpy", (), tuple(f"B{index}" for index in range(160))
+
+    def __init__(self):
+        beta = tuple(replace(LIBRARY.card.beta[0], name=name) for name in self.names)
+        self.card = replace(LIBRARY.card, beta=beta, friction=())
+
+    def evaluate(self, name, q, _, ddq):
+        assert name == "torque_regressor"
+        found = np.zeros((len(q), 2, 160))
+        for index in range(160):
+            joint, k = divmod(index, 80)
+            found[:, joint, index] = np.sin(k + k * q[:, joint]) * (ddq[:, joint] if k % 2 else 10.0)
+        return (found,)
+
+
+def test_memory_grows_by_the_log_and_not_by_its_matrix():
+    maker = RowBuilder("torque", Wide(), replace(PROCESSING, decimation=Decimation()), 0.1, 0.0)
+    peaks, samples = [], (30_000, 60_000)
+    for count in samples:
+        log = record(5, count)
+        tracemalloc.start()
+        found = fit_long(maker, [log], "wls", rule=RankRule())
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        assert len(found.rows.values) > 0.8 * LIBRARY.card.size * count
+    matrix = 8 * LIBRARY.card.size * len(Wide.names) * (samples[1] - samples[0])
+    assert peaks[1] - peaks[0] < 0.3 * matrix
+
+
+@pytest.mark.parametrize("kind", ["torque", "momentum", "power"])
+def test_regressors_are_never_asked_for_a_whole_log(kind):
+    asked = []
+
+    class Counting:
+        card, backend, notices = LIBRARY.card, LIBRARY.backend, LIBRARY.notices
+
+        def evaluate(self, name, *inputs, out=None):
+            asked.append(len(inputs[0]))
+            return LIBRARY.evaluate(name, *inputs, out=out)
+
+    log, processing = record(6, 120_001), replace(PROCESSING, decimation=Decimation(factor=10))
+    found = identify_parameters(Counting(), [log], processing, rows=kind, estimator="wls")
+    assert len(found.parameters) == len(TWO_LINK_TRUTH)
+    assert max(asked) < 25_000

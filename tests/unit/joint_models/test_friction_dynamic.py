@@ -1,0 +1,235 @@
+"""Friction with a memory: one definition over all carriers, its step, its derivatives, what it refuses."""
+
+import casadi
+import mpmath
+import numpy as np
+import pytest
+import sympy
+from hypothesis import given, strategies as st
+
+from symid.errors import UsageError
+from symid.joint_models.dynamic_friction import (
+    DYNAMIC_LAWS,
+    FrictionPath,
+    build_held_path,
+    build_symbol_carrier,
+    check_dynamic_values,
+    compute_bristle_rate,
+    compute_bristle_step,
+    compute_dynamic_torque,
+    compute_largest_level,
+    compute_steady_torque,
+    compute_torque_derivatives,
+    derive_equations,
+    get_dynamic_law,
+    is_passive,
+    simulate_dynamic_friction,
+    write_dynamic_latex,
+)
+from symid.joint_models.friction_law import OperatorFriction, build_float_carrier, build_numpy_carrier
+
+VALUES = {"dahl": (2e4, 7.0), "lugre": (1e4, 80.0, 10.0, 15.0, 0.02, 1.7, 4.0)}
+FLOATS = build_float_carrier()
+LAWS = pytest.mark.parametrize("name", sorted(DYNAMIC_LAWS))
+
+
+def build_other_carriers():
+    """Return carriers of high precision and of CasADi, and how their numbers are made."""
+    precise = OperatorFriction(
+        zero=mpmath.mpf(0),
+        one=mpmath.mpf(1),
+        exp=mpmath.exp,
+        tanh=mpmath.tanh,
+        sin=mpmath.sin,
+        cos=mpmath.cos,
+        sign=mpmath.sign,
+        absolute=mpmath.fabs,
+        maximum=max,
+        minimum=min,
+    )
+    graphs = OperatorFriction(
+        zero=casadi.SX(0),
+        one=casadi.SX(1),
+        exp=casadi.exp,
+        tanh=casadi.tanh,
+        sin=casadi.sin,
+        cos=casadi.cos,
+        sign=casadi.sign,
+        absolute=casadi.fabs,
+        maximum=casadi.fmax,
+        minimum=casadi.fmin,
+    )
+    return (precise, mpmath.mpf), (graphs, casadi.SX), (build_symbol_carrier(), sympy.Float)
+
+
+@LAWS
+@pytest.mark.parametrize("velocity", [-0.5, -0.003, 0.0, 0.01, 2.0])
+def test_all_carriers_agree(name, velocity):
+    law, values, state, period = get_dynamic_law(name), VALUES[name], 2e-4, 1e-3
+    alone = compute_bristle_step(FLOATS, law, (velocity, period), state, values)
+    arrays = compute_bristle_step(
+        build_numpy_carrier(), law, (np.full(3, velocity), period), np.full(3, state), values
+    )
+    for one, many in zip(alone, arrays, strict=True):
+        np.testing.assert_allclose(many, one, rtol=1e-14)
+    for carrier, lift in build_other_carriers():
+        numbers = [lift(value) for value in values]
+        found = compute_bristle_step(carrier, law, (lift(velocity), lift(period)), lift(state), numbers)
+        np.testing.assert_allclose([float(value) for value in found], alone, rtol=1e-13)
+
+
+@LAWS
+def test_the_symbols_give_the_numbers(name):
+    law, values = get_dynamic_law(name), VALUES[name]
+    equations = derive_equations(law)
+    places = dict(zip(equations.values, values, strict=True))
+    places |= {equations.velocity: -0.013, equations.state: 3e-4, equations.period: 2e-3}
+    pairs = {
+        equations.level: law.level(FLOATS, -0.013, values),
+        equations.rate: compute_bristle_rate(FLOATS, law, -0.013, 3e-4, values),
+        equations.torque: compute_dynamic_torque(FLOATS, law, -0.013, 3e-4, values),
+        equations.steady: compute_steady_torque(FLOATS, law, -0.013, values),
+    }
+    step = compute_bristle_step(FLOATS, law, (-0.013, 2e-3), 3e-4, values)
+    pairs |= dict(zip((equations.state_after, equations.torque_after), step, strict=True))
+    for expression, value in pairs.items():
+        assert float(expression.subs(places)) == pytest.approx(value, rel=1e-13)
+
+
+@LAWS
+def test_the_step_solves_the_rate(name):
+    # Derivative of the step by its period, in symbols: nothing else was used to derive it.
+    equations = derive_equations(get_dynamic_law(name))
+    rate = equations.rate.subs(equations.state, equations.state_after)
+    gap = sympy.diff(equations.state_after, equations.period) - rate
+    places = dict(zip(equations.values, VALUES[name], strict=True))
+    for velocity, state in ((0.3, 1e-4), (-0.02, 5e-4), (0.001, -2e-4)):
+        at = {**places, equations.velocity: velocity, equations.state: state, equations.period: 0.004}
+        assert abs(float(gap.subs(at))) < 1e-13 * abs(velocity)
+    assert equations.state_after.subs(equations.period, 0).equals(equations.state)
+
+
+@LAWS
+def test_latex_has_every_parameter(name):
+    law = get_dynamic_law(name)
+    level, rate, torque, step = write_dynamic_latex(law)
+    for parameter in law.parameters:
+        assert any(parameter.latex in line for line in (level, rate, torque, step))
+    assert level.startswith("g = ")
+    assert rate.startswith(r"\dot z = v - ")
+    assert torque.startswith(r"\tau_f = ")
+    assert r"\sigma_0 z" in torque
+    assert step.startswith("z_+ = ")
+
+
+steps = st.tuples(
+    st.floats(-3.0, 3.0).filter(lambda v: v == 0 or abs(v) > 1e-9), st.floats(0.0, 10.0), st.floats(-1.0, 1.0)
+)
+
+
+@LAWS
+@given(step=steps, share=st.floats(0.0, 1.0))
+def test_a_step_is_its_parts_is_odd_and_stays_bounded(name, step, share):
+    law, values = get_dynamic_law(name), VALUES[name]
+    velocity, period, part = step
+    bound = compute_largest_level(law, values) / values[0]
+    state = part * bound
+    whole, _ = compute_bristle_step(FLOATS, law, (velocity, period), state, values)
+    half, _ = compute_bristle_step(FLOATS, law, (velocity, share * period), state, values)
+    both, _ = compute_bristle_step(FLOATS, law, (velocity, (1.0 - share) * period), half, values)
+    assert abs(whole - both) <= 1e-13 * bound
+    mirrored, _ = compute_bristle_step(FLOATS, law, (-velocity, period), -state, values)
+    assert mirrored == -whole
+    assert abs(whole) <= bound * (1.0 + 1e-15)
+
+
+@LAWS
+def test_nothing_moves_at_standstill(name):
+    law, values = get_dynamic_law(name), VALUES[name]
+    state, torque = compute_bristle_step(FLOATS, law, (0.0, 1e6), 1e-4, values)
+    assert state == 1e-4
+    assert torque == pytest.approx(values[0] * 1e-4, rel=1e-15)
+
+
+@LAWS
+def test_a_run_is_its_steps(name):
+    law, values = get_dynamic_law(name), VALUES[name]
+    velocity = 0.1 * np.sin(np.linspace(0.0, 30.0, 400))
+    run = simulate_dynamic_friction(law, values, build_held_path(velocity, 1e-3), state=1e-4)
+    state = 1e-4
+    for k, held in enumerate(velocity.tolist()):
+        state, torque = compute_bristle_step(FLOATS, law, (held, 1e-3), state, values)
+        assert run.state[k] == pytest.approx(state, rel=1e-12, abs=1e-17)
+        assert run.torque[k] == pytest.approx(torque, rel=1e-11, abs=1e-11)
+
+
+@LAWS
+def test_every_recording_begins_with_straight_bristles(name):
+    law, values = get_dynamic_law(name), VALUES[name]
+    velocity = 0.1 * np.cos(np.linspace(0.0, 9.0, 100))
+    one = build_held_path(velocity, 1e-3)
+    two = FrictionPath(
+        held=np.tile(velocity, 2),
+        velocity=np.tile(velocity, 2),
+        period=np.full(200, 1e-3),
+        start=np.tile(one.start, 2),
+    )
+    alone, joined = (simulate_dynamic_friction(law, values, path).torque for path in (one, two))
+    np.testing.assert_array_equal(joined, np.tile(alone, 2))
+
+
+@LAWS
+def test_columns_are_the_derivatives_of_the_torque(name):
+    law, values = get_dynamic_law(name), VALUES[name]
+    path = build_held_path(0.1 * np.sin(np.linspace(0.0, 30.0, 500)), 1e-3)
+    columns = compute_torque_derivatives(law, values, path, range(len(values)))
+    assert np.all(np.isfinite(columns))
+    for k, value in enumerate(values):
+        step = 1e-5 * value
+        sides = []
+        for sign in (1.0, -1.0):
+            moved = list(values)
+            moved[k] += sign * step
+            sides.append(simulate_dynamic_friction(law, moved, path).torque)
+        difference = (sides[0] - sides[1]) / (2.0 * step)
+        np.testing.assert_allclose(columns[:, k], difference, atol=2e-7 * np.abs(difference).max())
+
+
+def test_passivity_of_lugre_is_known_where_viscous_friction_covers_the_fall():
+    law = get_dynamic_law("lugre")
+    assert is_passive(law, (1e4, 80.0, 10.0, 15.0, 0.02, 2.0, 40.0))
+    assert is_passive(law, (1e4, 80.0, 10.0, 15.0, 0.02, 2.0, 39.9)) is None
+    assert is_passive(law, (1e4, 80.0, 10.0, 10.0, 0.02, 2.0, 0.0))
+    assert is_passive(get_dynamic_law("dahl"), (1e4, 10.0))
+    # A static level below Coulomb friction counts as much: (max - min) / min = 1.
+    assert is_passive(law, (1e4, 80.0, 10.0, 5.0, 0.02, 2.0, 80.0))
+    assert is_passive(law, (1e4, 80.0, 10.0, 5.0, 0.02, 2.0, 79.9)) is None
+    assert "|fS - fC| / min(fC, fS)" in law.passivity
+
+
+def test_values_out_of_bounds_are_refused_all_at_once():
+    law = get_dynamic_law("lugre")
+    with pytest.raises(UsageError, match=r"sigma0 .* must be above 0, got -1") as caught:
+        check_dynamic_values(law, (-1.0, 0.0, 1.0, 1.0, 0.0, 5.0, float("nan")))
+    assert [notice.code for notice in caught.value.notices] == ["joint.friction-values"] * 4
+    assert "at least 0.5 and at most 4, got 5" in str(caught.value)
+    with pytest.raises(UsageError, match=r"takes sigma0, fC: 3 values were given"):
+        check_dynamic_values(get_dynamic_law("dahl"), (1.0, 1.0, 1.0))
+
+
+def test_an_unknown_law_is_told_with_the_nearest():
+    with pytest.raises(UsageError, match=r"no dynamic friction 'lugree', did you mean 'lugre'\?") as caught:
+        get_dynamic_law("lugree")
+    assert caught.value.notices[0].code == "joint.no-dynamic-friction"
+    with pytest.raises(UsageError, match="'zzz'; known are dahl, lugre"):
+        get_dynamic_law("zzz")
+
+
+@pytest.mark.parametrize(
+    "change", [{"period": [-1.0, 1.0]}, {"velocity": [0.0]}, {"held": [0.0, np.nan]}], ids=str
+)
+def test_a_path_that_is_none_is_refused(change):
+    fields = {"held": [0.0, 1.0], "velocity": [0.0, 1.0], "period": [0.0, 1.0], "start": [1.0, 0.0]}
+    with pytest.raises(UsageError, match="as many velocities as periods") as caught:
+        FrictionPath(**{**fields, **change})
+    assert caught.value.notices[0].code == "joint.friction-path"

@@ -1,0 +1,106 @@
+"""The derivation for people: its statements, its checks, and what happens when a check fails."""
+
+from dataclasses import replace
+from fractions import Fraction
+
+import pytest
+
+from symid.dynamics.exact_algebra import write_name_latex
+from symid.errors import SymidError
+from symid.lessons import derivation as lesson
+from symid.lessons.derivation import derive_lesson
+from symid.robot.description import Coupling, FrictionKind, Mimic, Spring
+from tests.chains import PANDA, PI, TWO_LINK, build_chain
+
+
+def find_formula(steps, left):
+    return next(formula for step in steps for formula in step.formulas if formula.left == left)
+
+
+def test_two_link_torque_is_the_textbook_one():
+    steps = derive_lesson(build_chain([(0.0, 0, 0, "q"), (0.0, "L1", 0, "q")], gravity=("0", "-9.81", "0")))
+    assert [step.title for step in steps] == ["Frames", "Velocities", "Energy", "Base parameters", "Torques"]
+    # tau_2 of the planar arm per MX2: L1 c2 ddq1 + L1 s2 dq1^2 + g c12 (Khalil and Dombre 2002).
+    text = find_formula(steps, "dtau2/dMX2").text
+    assert text == "L1*c2*ddq1 + L1*dq1^2*s2 + 981*c1*c2/100 - 981*s1*s2/100"
+    assert find_formula(steps, "v2x").latex == r"L_{1} \dot q_{1} s_{2}"
+
+
+def test_every_check_was_made():
+    for robot in (TWO_LINK, PANDA):
+        checks = [step.check for step in derive_lesson(robot) if step.check]
+        assert len(checks) == 2
+        assert all(check.startswith("verified exactly") for check in checks)
+
+
+def test_a_weight_that_stays_up_is_no_contradiction():
+    """A symbolic height gives links a potential that no coordinate changes."""
+    scara = build_chain([(0.0, 0, "D1", "q"), (0.0, "L1", 0, "q"), (0.0, "L2", "q", 0.0)])
+    checks = [step.check for step in derive_lesson(scara) if step.check]
+    assert len(checks) == 2
+
+
+def test_groups_are_proper_latex():
+    arm = build_chain([(0.0, 0, 0, "q"), (0.0, "L1", 0, "q")], gravity=("0", "-9.81", "0"))
+    assert find_formula(derive_lesson(arm), "ZZR1").latex == r"ZZ_{1} + M_{2} L_{1}^{2}"
+
+
+def test_only_inertial_parameters_are_counted():
+    slide = build_chain([(0.0, 0, "q", 0.0)], rotors=True, friction=FrictionKind.VISCOUS_COULOMB_OFFSET)
+    sentences = [step.sentence for step in derive_lesson(slide)]
+    assert "Of 11 inertial parameters only 2 combinations can be seen in any motion." in sentences
+
+
+def test_long_sums_say_how_much_is_not_shown():
+    texts = [formula.text for step in derive_lesson(PANDA) for formula in step.formulas]
+    assert any("more terms)" in text for text in texts)
+
+
+@pytest.mark.parametrize("robot", [TWO_LINK, PANDA], ids=lambda r: r.name)
+def test_a_contradiction_is_never_printed_as_a_result(monkeypatch, robot):
+    original = lesson.find_torque_columns
+
+    def wrong(recursion, keys):
+        columns = dict(original(recursion, keys))
+        columns[keys[0]] = [entry + recursion.algebra.one for entry in columns[keys[0]]]
+        return columns
+
+    monkeypatch.setattr(lesson, "find_torque_columns", wrong)
+    with pytest.raises(SymidError, match="contradicts itself") as caught:
+        derive_lesson(robot)
+    assert caught.value.notices[0].code == "dynamics.contradiction"
+    assert caught.value.exit_code == 70
+
+
+def test_followers_and_drives_are_introduced():
+    robot = build_chain([(0.0, 0, 0, "q"), (PI / 2, 0, 0, "q"), (0.3, 0.1, "q", 0.0)])
+    joints = list(robot.joints)
+    joints[1] = replace(joints[1], mimic=Mimic(master=0, multiplier=Fraction(-63, 100)), spring=Spring())
+    drive = Coupling(name="m", terms=((0, Fraction(1)), (2, Fraction(-1, 2))), has_rotor=True)
+    frames, _, energy, _, torques = derive_lesson(replace(robot, joints=tuple(joints), couplings=(drive,)))
+    words = {formula.left: formula.text for formula in frames.formulas}
+    assert words["joint 2 (joint2)"].endswith("it follows joint 1: q2 = -63/100*q1")
+    assert words["drive m"] == "dq1 - 1/2*dq3"
+    assert not [formula for formula in energy.formulas if formula.text == "0"]
+    assert "same polynomials" in torques.check
+
+
+@pytest.mark.parametrize(
+    ("left", "latex"),
+    [
+        ("dT/dZZR1", r"\frac{\partial T}{\partial ZZR_{1}}"),
+        ("dtau2/dM3", r"\frac{\partial \tau_{2}}{\partial M_{3}}"),
+        ("w12x", r"\omega_{12,x}"),
+        ("v1z", "v_{1,z}"),
+        ("MXR1", "MXR_{1}"),
+        ("IAm_6", r"\mathit{IAm\_6}"),
+        ("joint 1 (a_b)", r"\text{joint 1 (a\_b)}"),
+    ],
+)
+def test_left_sides_in_latex(left, latex):
+    assert write_name_latex(left) == latex
+
+
+def test_a_torque_without_a_slope_at_a_point_in_an_extended_field():
+    robot = build_chain([(PI / 4, 0, "q", 0.0), (0.0, 0.1, 0, "q"), (PI / 2, 0, 0, "q"), (0.0, 0.2, 0, "q")])
+    assert "exactly at a rational point" in derive_lesson(robot)[-1].check

@@ -1,0 +1,114 @@
+"""Remarks on suspicious recordings; none on a good one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symid.logs.checks import check_recording
+from symid.logs.recording import Recording
+from symid.robot.description import Limits
+
+T = np.arange(4000) * 1e-3
+GOOD = Recording(
+    time=T,
+    position=np.column_stack([np.sin(3 * T), np.cos(2 * T)]),
+    torque=np.column_stack([np.sin(3 * T) + 0.1 * np.sin(17 * T), np.cos(5 * T) + T]),
+)
+
+
+@pytest.fixture
+def check(make_robot):
+    """Return a check of changes of the good recording: {code: text}."""
+
+    def run(limits=None, **changes):
+        robot = make_robot()
+        if limits:
+            robot = replace(robot, joints=(replace(robot.joints[0], limits=limits), robot.joints[1]))
+        return {notice.code: notice.text for notice in check_recording(replace(GOOD, **changes), robot)}
+
+    return run
+
+
+def change(values, where, new):
+    changed = values.copy()
+    changed[where] = new
+    return changed
+
+
+def test_a_good_recording_gets_no_remark(check):
+    assert check() == {}
+
+
+def test_jitter(check):
+    assert "differ by up to 20 % from 0.001 s" in check(time=change(T, 100, T[100] + 2e-4))["log.jitter"]
+
+
+def test_a_joint_that_never_moves(check):
+    found = check(position=change(GOOD.position, np.s_[:, 1], 0.3))
+    assert found == {"log.constant-position": "joint 'joint2' never moves in this log"}
+
+
+def test_a_torque_that_never_changes(check):
+    found = check(torque=change(GOOD.torque, np.s_[:, 0], 0.3))
+    assert found == {"log.constant-torque": "the torque of joint 'joint1' is 0.3 throughout"}
+
+
+def test_a_clipped_torque(check):
+    clipped = np.column_stack([np.clip(GOOD.torque[:, 0], -0.8, 0.8), GOOD.torque[:, 1]])
+    found = check(torque=clipped)
+    assert list(found) == ["log.saturation"]
+    assert "joint 'joint1'" in found["log.saturation"]
+    assert "same peak of 0.8" in found["log.saturation"]
+
+
+def test_standstill(check):
+    held = np.where(T < 1.0, 0.0, np.where(T > 1.8, 1.0, (T - 1.0) / 0.8))
+    found = check(position=np.column_stack([held, GOOD.position[:, 1]]))
+    assert "joint 'joint1' stands still during 7" in found["log.standstill"]
+
+
+def test_degrees(check):
+    assert "is the log in degrees" in check(position=np.degrees(GOOD.position))["log.looks-like-degrees"]
+
+
+def test_repeated_samples(check):
+    slow = GOOD.position[(np.arange(4000) // 4) * 4]
+    assert "75 % of its positions repeat" in check(position=slow)["log.repeated-samples"]
+
+
+def test_limits(check):
+    found = check(limits=Limits(position=(-0.5, 0.5), torque=0.9))
+    assert "beyond its limits -0.5 .. 0.5" in found["log.beyond-limits"]
+    assert "beyond its limit 0.9" in found["log.torque-beyond-limit"]
+
+
+RATE = np.column_stack([3.0 * np.cos(3 * T), -2.0 * np.sin(2 * T)])
+
+
+@pytest.mark.parametrize(
+    ("factor", "text"),
+    [
+        (-1.0, "is -1 times the rate of its position: one of them has the wrong sign"),
+        (180.0 / np.pi, "looks like degrees per second"),
+        (np.pi / 180.0, "the position looks like degrees"),
+        (30.0 / np.pi, "revolutions per minute"),
+        (1e-3, "thousandths"),
+        (3.0, "their units or sides differ"),
+    ],
+)
+def test_a_velocity_in_other_units(check, factor, text):
+    found = check(velocity=RATE * [1.0, factor])
+    assert text in found["log.velocity-differs"]
+    assert "joint 'joint2'" in found["log.velocity-differs"]
+
+
+def test_the_velocity_of_another_joint(check):
+    found = check(velocity=RATE[:, ::-1])["log.velocity-differs"]
+    assert "is the order of the velocity columns that of the positions?" in found
+
+
+def test_a_biased_and_noisy_velocity_is_no_mistake(check):
+    noise = np.random.default_rng(0).normal(size=RATE.shape)
+    assert check(velocity=RATE + 0.05 + 0.2 * noise) == {}
+    assert check(velocity=np.where(T[:, None] == 0.5, np.nan, 9.0 * RATE)) == {}

@@ -1,0 +1,185 @@
+"""Logs with the positions of motors and links: read, checked, written; refused where they are doubtful."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symid.errors import LogError, RobotError
+from symid.logs.checks import check_recording, get_second_encoder_side
+from symid.logs.files import write_recording
+from symid.logs.reader import read_recording
+from symid.logs.recording import Recording
+from symid.robot.loading import override_robot
+from symid.robot.toml_reader import read_robot
+from symid.robot.toml_writer import write_robot
+
+ARM = """name = "arm"
+convention = "modified"
+gravity = [0, 0, -9.81]
+
+[[joint]]
+kind = "revolute"
+drive = { gear = 100 }
+
+[[joint]]
+kind = "revolute"
+a = 0.5
+drive = { gear = 50 }
+"""
+LOG = """
+[log]
+position = { columns = ["qm"], unit = "rad", side = "motor" }
+torque = { columns = ["tau"], unit = "N m" }
+link_position = { columns = ["ql1", "ql2"], unit = "mrad" }
+"""
+
+
+@pytest.fixture
+def make(tmp_path):
+    def make_robot(text):
+        path = tmp_path / "arm.toml"
+        path.write_text(text)
+        return read_robot(path)
+
+    return make_robot
+
+
+def save(path, **arrays):
+    rng = np.random.default_rng(0)
+    base = {"t": np.arange(200) / 100.0, "q": rng.normal(size=(200, 2)), "tau": rng.normal(size=(200, 2))}
+    np.savez(path, **{key: value for key, value in (base | arrays).items() if value is not None})
+    return base | arrays
+
+
+def test_a_robot_file_names_the_second_encoder(make, tmp_path):
+    robot = make(ARM + LOG)
+    path = tmp_path / "run.npz"
+    rng = np.random.default_rng(1)
+    qm, ql = rng.normal(size=(200, 2)), rng.normal(size=(200, 2))
+    save(path, q=None, qm=qm, ql1=ql[:, 0], ql2=ql[:, 1])
+    recording = read_recording(path, robot)
+    np.testing.assert_allclose(recording.position, qm / [100.0, 50.0])
+    np.testing.assert_allclose(recording.link_position, 1e-3 * ql)
+    assert recording.motor_position is None
+    assert get_second_encoder_side(recording) == "link"
+    told = [notice.text for notice in recording.notices if notice.code == "log.converted"]
+    assert any(
+        text.startswith("link_position: 'ql1', 'ql2' in mrad was multiplied by 0.001") for text in told
+    )
+
+
+def test_a_motor_position_is_brought_to_the_joint_side(make, tmp_path):
+    settings = (("log.motor_position.columns", "m"), ("log.motor_position.unit", "rev"))
+    robot = override_robot(make(ARM), (*settings, ("log.motor_position.side", "motor")))
+    path = tmp_path / "run.npz"
+    turns = np.random.default_rng(2).normal(size=(200, 2))
+    save(path, m=turns)
+    recording = read_recording(path, robot)
+    np.testing.assert_allclose(recording.motor_position, 2.0 * np.pi * turns / [100.0, 50.0])
+
+
+@pytest.mark.parametrize(
+    ("name", "attribute"),
+    [("theta", "motor_position"), ("motor_position", "motor_position"), ("link_position", "link_position")],
+)
+def test_default_names(make, tmp_path, name, attribute):
+    path = tmp_path / "run.npz"
+    arrays = save(path, **{name: np.random.default_rng(3).normal(size=(200, 2))})
+    recording = read_recording(path, make(ARM))
+    np.testing.assert_array_equal(getattr(recording, attribute), arrays[name])
+    assert not any(name in notice.text for notice in recording.notices)
+
+
+def test_a_column_that_is_something_else_already_is_no_second_encoder(make, tmp_path):
+    robot = override_robot(make(ARM), (("log.position.columns", "theta"), ("log.position.unit", "rad")))
+    path = tmp_path / "run.npz"
+    save(path, q=None, theta=np.random.default_rng(3).normal(size=(200, 2)))
+    assert get_second_encoder_side(read_recording(path, robot)) is None
+
+
+def test_two_second_encoders_in_a_log_are_refused(make, tmp_path):
+    path = tmp_path / "run.npz"
+    more = np.random.default_rng(4).normal(size=(200, 2))
+    save(path, theta=more, link_position=more + 1.0)
+    with pytest.raises(LogError, match=r"must be one of the two") as caught:
+        read_recording(path, make(ARM))
+    assert [notice.code for notice in caught.value.notices] == ["log.two-encoders"]
+
+
+def test_two_second_encoders_in_a_robot_file_are_refused(make):
+    with pytest.raises(RobotError, match=r"position is one of the two already") as caught:
+        make(ARM + LOG + 'motor_position = { columns = ["m"], unit = "rad" }\n')
+    (notice,) = caught.value.notices
+    assert notice.code == "robot.two-encoders"
+    assert notice.line > 0
+
+
+def test_one_column_twice_is_refused(make, tmp_path):
+    robot = make(ARM + '[log.link_position]\ncolumns = ["q"]\nunit = "rad"\n')
+    path = tmp_path / "run.npz"
+    save(path)
+    with pytest.raises(LogError) as caught:
+        read_recording(path, robot)
+    assert [notice.code for notice in caught.value.notices] == ["log.same-encoder"]
+    assert "the columns of the motors in [log.position]" in caught.value.notices[0].text
+
+
+@pytest.mark.parametrize(
+    ("side", "name", "said"),
+    [
+        ("links", "link_position", "none of the motors, with which friction and rotors"),
+        ("motors", "theta", "for what the motor side alone can tell"),
+    ],
+)
+def test_a_log_of_one_side_alone_is_refused_with_what_it_is_good_for(make, tmp_path, side, name, said):
+    path = tmp_path / "run.npz"
+    save(path, q=None, **{name: np.random.default_rng(5).normal(size=(200, 2))})
+    with pytest.raises(LogError, match=f"the positions of the {side} \\({name}\\)") as caught:
+        read_recording(path, make(ARM))
+    assert [notice.code for notice in caught.value.notices] == ["log.missing-column", "log.one-side"]
+    assert said in caught.value.notices[1].text
+
+
+def test_numbers_that_are_none_are_refused_in_the_second_encoder_too(make, tmp_path):
+    path = tmp_path / "run.npz"
+    values = np.zeros((200, 2))
+    values[7, 1] = np.nan
+    save(path, theta=values)
+    with pytest.raises(LogError, match=r"'theta' holds 1 values that are no numbers"):
+        read_recording(path, make(ARM))
+
+
+def test_a_channel_without_an_encoder_is_told(make, tmp_path):
+    path = tmp_path / "run.npz"
+    arrays = save(path)
+    save(path, theta=np.column_stack([np.zeros(200), arrays["q"][:, 1]]))
+    robot = make(ARM)
+    found = [
+        notice.text
+        for notice in check_recording(read_recording(path, robot), robot)
+        if notice.code == "log.no-second-encoder"
+    ]
+    assert len(found) == 2
+    assert "is constant for 'joint1'" in found[0]
+    assert "repeats the position to the last bit for 'joint2'" in found[1]
+
+
+@pytest.mark.parametrize("suffix", ["npz", "csv"])
+@pytest.mark.parametrize("side", ["motor_position", "link_position"])
+def test_what_is_written_is_read_again(make, tmp_path, suffix, side):
+    rng = np.random.default_rng(5)
+    values = {name: rng.normal(size=(150, 2)) for name in ("position", "torque", side)}
+    recording = Recording(time=np.arange(150) * 1e-3, **values)
+    robot = make(ARM)
+    path = write_recording(recording, tmp_path / f"run.{suffix}", robot)
+    again = read_recording(path, robot)
+    np.testing.assert_array_equal(getattr(again, side), values[side])
+    assert not again.extras
+
+
+def test_the_map_of_a_written_robot_file_is_the_same(make, tmp_path):
+    robot = make(ARM + LOG)
+    again = make(write_robot(robot))
+    assert again.log == robot.log
+    assert replace(robot.log, link_position=None) != robot.log

@@ -1,0 +1,250 @@
+"""Filters against closed forms: no phase, known gain, the kept samples, exact derivatives."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from symid.errors import LogError
+from symid.logs.recording import Recording
+from symid.logs.signals import (
+    choose_processing,
+    compute_least_samples,
+    compute_noise_bandwidth,
+    decimate,
+    decimate_columns,
+    differentiate,
+    low_pass,
+    prepare_signals,
+)
+from symid.robot.description import Decimation, Processing
+
+T = 1e-3
+TIMES = np.arange(4000) * T
+MIDDLE = slice(1000, 3000)
+
+
+@pytest.mark.parametrize("frequency", [5.0, 20.0, 50.0, 80.0])
+def test_butterworth_has_no_phase_and_the_gain_of_two_passes(frequency):
+    wave = np.sin(2 * np.pi * frequency * TIMES)
+    # |H|^2 of one digital pass, frequencies warped by the bilinear transform.
+    ratio = np.tan(np.pi * frequency * T) / np.tan(np.pi * 50.0 * T)
+    smooth = low_pass(wave, period=T, cutoff=50.0, order=4)
+    np.testing.assert_allclose(smooth[MIDDLE], wave[MIDDLE] / (1 + ratio**8), atol=1e-9)
+
+
+@given(seed=st.integers(0, 1000), order=st.integers(1, 6), cutoff=st.floats(50.0, 300.0))
+def test_filters_are_linear_keep_lines_and_mirror_with_time(seed, order, cutoff):
+    rng = np.random.default_rng(seed)
+    x, y = rng.normal(size=(2, 600))
+
+    def run(values):
+        return low_pass(values, period=T, cutoff=cutoff, order=order)
+
+    np.testing.assert_allclose(run(2.0 * x - y), 2.0 * run(x) - run(y), atol=1e-9)
+    line = 3.0 + 0.5 * np.arange(600)
+    # Inside, away from the transients at the ends: lines pass, and forward-backward equals backward-forward.
+    np.testing.assert_allclose(run(line)[200:400], line[200:400], atol=1e-3)
+    np.testing.assert_allclose(run(x)[::-1][200:400], run(x[::-1])[200:400], atol=1e-4)
+
+
+@given(
+    order=st.integers(1, 16),
+    cutoff=st.floats(1e-3, 0.9),
+    level=st.floats(-9.0, 9.0),
+    part=st.floats(0.05, 1.2),
+)
+def test_the_low_pass_keeps_level_and_amplitude_at_any_order_and_cutoff(order, cutoff, level, part):
+    """Cut-offs as parts of half the sample rate; the gain at part w of the cut-off is 1/(1 + r^2n)."""
+    samples = min(200_000, round(2000 + 400 * order / cutoff))
+    middle = slice(2 * samples // 5, 3 * samples // 5)
+    constant = low_pass(np.full(samples, level), period=0.5, cutoff=cutoff, order=order)
+    np.testing.assert_allclose(constant, level, atol=1e-6)
+    omega = np.pi * min(part * cutoff, 0.95)
+    ratio = np.tan(omega / 2) / np.tan(np.pi * cutoff / 2)
+    wave = np.sin(omega * np.arange(samples))
+    smooth = low_pass(wave, period=0.5, cutoff=cutoff, order=order)
+    np.testing.assert_allclose(smooth[middle], wave[middle] / (1 + ratio ** (2 * order)), atol=1e-3)
+
+
+@given(
+    order=st.integers(1, 16),
+    factor=st.integers(2, 1000),
+    band=st.floats(0.1, 0.95),
+    ripple=st.floats(0.01, 3),
+)
+def test_decimation_keeps_slow_signals_within_the_ripple_at_any_order_and_factor(order, factor, band, ripple):
+    decimation = Decimation(factor=factor, order=order, band=band, ripple_db=ripple)
+    kept = decimate(np.ones(40 * factor + 3 * order), decimation)
+    least = 10 ** (-ripple / 10)
+    assert least - 1e-6 < kept.min()
+    assert kept.max() < 1 + 1e-6
+    times = np.arange(min(60 * factor, 60_000) * 5)
+    wave = decimate(np.sin(0.5 * np.pi * band / factor * times), decimation)
+    middle = np.abs(wave[len(wave) // 3 : 2 * len(wave) // 3])
+    # The filter still rings a little from the ends.
+    assert middle.max() < 1.05
+    noise_band = compute_noise_bandwidth(Processing(decimation=decimation), 1e-3)
+    assert 0.0 < noise_band <= 1.0
+
+
+@pytest.mark.parametrize("factor", [2, 10, 100, 1000])
+def test_the_noise_band_of_a_decimation_hardly_depends_on_its_factor(factor):
+    wide = compute_noise_bandwidth(Processing(decimation=Decimation(factor=factor)), 1e-3)
+    assert wide == pytest.approx(
+        compute_noise_bandwidth(Processing(decimation=Decimation(factor=10)), 1e-3), rel=0.03
+    )
+
+
+def test_every_column_is_filtered_alike():
+    x = np.random.default_rng(1).normal(size=(500, 3))
+    whole = decimate_columns(x, Decimation(factor=5))
+    for column in range(3):
+        np.testing.assert_array_equal(whole[:, column], decimate_columns(x[:, column], Decimation(factor=5)))
+
+
+@pytest.mark.parametrize(("samples", "factor"), [(1000, 10), (1001, 10), (1009, 10), (24792, 10), (557, 4)])
+def test_decimation_keeps_the_last_sample_of_every_block_counted_from_the_end(samples, factor):
+    # A line passes a zero-phase filter of odd order unchanged, so that values tell which samples were kept.
+    kept = decimate(np.arange(1.0, samples + 1), Decimation(factor=factor, order=3))
+    count = -(-samples // factor)
+    assert len(kept) == count
+    first = factor - (factor * count - samples)
+    assert first + factor * (count - 1) == samples
+    inner = slice(count // 3, 2 * count // 3)
+    np.testing.assert_allclose(kept[inner], (first + factor * np.arange(count))[inner], atol=0.02)
+
+
+def test_decimation_by_one_is_a_copy():
+    x = np.arange(5.0)
+    kept = decimate(x, Decimation(factor=1))
+    np.testing.assert_array_equal(kept, x)
+    assert kept is not x
+
+
+def test_decimation_removes_what_would_fold_back():
+    alias = np.sin(2 * np.pi * 95.0 * TIMES)
+    assert np.abs(decimate(alias, Decimation(factor=10))[100:300]).max() < 1e-4
+
+
+def test_central_differences_are_exact_for_parabolas_inside():
+    slope = differentiate(np.column_stack([TIMES**2, 4.0 * TIMES]), T)
+    np.testing.assert_allclose(slope[1:-1, 0], 2.0 * TIMES[1:-1], atol=1e-9)
+    np.testing.assert_allclose(slope[:, 1], 4.0, atol=1e-9)
+
+
+def record(samples=1000):
+    t = np.arange(samples) * T
+    return Recording(time=t, position=np.sin(t)[:, None], torque=np.cos(t)[:, None], source="run")
+
+
+def test_signals_are_the_derivatives_of_the_position_with_cut_ends():
+    processing = Processing(filter_cutoff=100.0, drop_first=100, drop_last=150)
+    signals = prepare_signals(record(), processing)
+    t = TIMES[100:850]
+    np.testing.assert_array_equal(signals.time, t)
+    np.testing.assert_allclose(signals.q[:, 0], np.sin(t), atol=1e-6)
+    np.testing.assert_allclose(signals.dq[:, 0], np.cos(t), atol=1e-4)
+    np.testing.assert_array_equal(signals.tau[:, 0], np.cos(t))
+
+
+def test_the_torque_is_filtered_when_asked():
+    tau = np.random.default_rng(0).normal(size=(1000, 1))
+    recording = Recording(time=TIMES[:1000], position=tau, torque=tau)
+    signals = prepare_signals(recording, Processing(filter_cutoff=50.0, filter_torque=True))
+    np.testing.assert_array_equal(signals.tau, signals.q)
+
+
+def test_a_log_of_just_enough_samples_passes_and_one_less_does_not():
+    processing = Processing(filter_cutoff=100.0, drop_first=5, decimation=Decimation(factor=4))
+    least = compute_least_samples(processing)
+    signals = prepare_signals(record(least), processing)
+    decimate_columns(signals.q, processing.decimation)
+    with pytest.raises(LogError, match=f"{least - 1} samples; .* need {least} at least"):
+        prepare_signals(record(least - 1), processing)
+
+
+def test_a_gap_in_time_is_refused_and_said_where():
+    t = np.where(TIMES[:1000] > 0.4, TIMES[:1000] + 0.5, TIMES[:1000])
+    recording = Recording(time=t, position=np.sin(t)[:, None], torque=np.cos(t)[:, None], source="run.csv")
+    with pytest.raises(
+        LogError, match=r"run.csv: samples are missing, .*: 1 steps .* after sample 400"
+    ) as caught:
+        prepare_signals(recording, Processing())
+    (notice,) = caught.value.notices
+    assert notice.code == "log.gap"
+    assert "from 0.4 s to 0.901 s; cut the log there and give the pieces as separate files" in notice.text
+
+
+@pytest.mark.parametrize(("share", "accepted"), [(0.1, True), (0.3, False)])
+def test_strong_jitter_is_refused_and_weak_jitter_is_not(share, accepted):
+    t = TIMES[:1000] + T * share * 0.5 * np.random.default_rng(2).uniform(-1, 1, 1000)
+    recording = Recording(time=t, position=np.sin(t)[:, None], torque=np.cos(t)[:, None])
+    if accepted:
+        assert prepare_signals(recording, Processing()).period == pytest.approx(T, rel=1e-3)
+        return
+    uneven = np.cumsum(1.0 + share * (np.arange(1000) % 3 - 1.0)) * T
+    with pytest.raises(LogError, match="resample the log evenly") as caught:
+        prepare_signals(
+            Recording(time=uneven, position=recording.position, torque=recording.torque), Processing()
+        )
+    assert caught.value.notices[0].code == "log.jitter"
+    assert "666 steps are further off, the first after sample 1" in str(caught.value)
+
+
+@pytest.mark.parametrize("cutoff", [500.0, 900.0])
+def test_a_cutoff_above_half_the_sample_rate_is_refused(cutoff):
+    with pytest.raises(LogError, match="between 0 and 500 Hz") as caught:
+        prepare_signals(record(), Processing(filter_cutoff=cutoff))
+    assert caught.value.notices[0].code == "log.filter-cutoff"
+    assert caught.value.notices[0].file == "run"
+
+
+def test_too_few_rows_to_decimate_are_refused():
+    with pytest.raises(LogError, match="order 8 needs more than 24"):
+        decimate_columns(np.zeros((24, 1)), Decimation(factor=2))
+
+
+@pytest.mark.parametrize(
+    ("factor", "cutoff", "filter_torque"),
+    [(10, None, False), (4, None, False), (1, 40.0, True), (5, 60.0, True)],
+)
+def test_the_noise_band_is_that_of_filtered_noise(factor, cutoff, filter_torque):
+    """Slow means of filtered noise scatter as the band says: var(mean) m b = var(sample)."""
+    rng = np.random.default_rng(factor)
+    processing = Processing(
+        filter_cutoff=cutoff, filter_torque=filter_torque, decimation=Decimation(factor=factor)
+    )
+    white = rng.normal(size=(4000, 400))
+    if filter_torque:
+        white = low_pass(white, period=1e-3, cutoff=cutoff, order=processing.filter_order)
+    noise = decimate(white, processing.decimation)
+    band = compute_noise_bandwidth(processing, 1e-3)
+    slow = np.cos(np.linspace(0, 9, len(noise)))[:, None]
+    weight = slow / np.linalg.norm(slow)
+    ratio = np.var(noise) / np.var(np.sum(weight * noise, axis=0))
+    assert band < 1.0
+    # The variance of 400 draws is known to about 7 %.
+    assert ratio == pytest.approx(band, rel=0.25)
+
+
+def test_without_filters_all_rows_are_independent():
+    assert compute_noise_bandwidth(Processing(filter_cutoff=40.0), 1e-3) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("rate", "factor", "cutoff"),
+    [(1000.0, 10, 200.0), (5000.0, 50, 200.0), (250.0, 3, 100.0), (100.0, 1, 40.0)],
+)
+def test_open_settings_follow_from_the_sample_rate(rate, factor, cutoff):
+    settled = choose_processing(Processing(automatic=True), 1.0 / rate)
+    assert (settled.decimation.factor, settled.filter_cutoff) == (factor, cutoff)
+    assert not settled.automatic
+
+
+def test_what_is_stated_stays():
+    stated = Processing(filter_cutoff=33.0, decimation=Decimation(factor=4))
+    assert choose_processing(stated, 1e-3) == stated
+    assert choose_processing(replace(stated, automatic=True), 1e-3) == stated
+    assert choose_processing(Processing(), 1e-3).filter_cutoff is None

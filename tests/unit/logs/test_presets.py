@@ -1,0 +1,108 @@
+"""Logs of other programs: their columns are found by the preset alone."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symid.errors import LogError
+from symid.logs.reader import read_recording
+from symid.robot.description import Drive
+
+HEADINGS = {
+    "franka": (
+        "time,success_rate,state.q[0],state.q[1],state.dq[0],state.dq[1],state.tau_J[0],state.tau_J[1]",
+        1e3,
+    ),
+    "franka-old": ("duration, success rate, q[0], q[1],dq[0], dq[1],tau_J[0], tau_J[1]", 1e3),
+    "ur-rtde": (
+        "timestamp,target_q_0,actual_q_0,actual_q_1,actual_qd_0,actual_qd_1,actual_current_0,actual_current_1",
+        1.0,
+    ),
+    "ros": (
+        "__time,x,/a/joint1/position,/a/joint2/position,a,b,/a/joint1/effort,/a/joint2/effort",
+        1.0,
+    ),
+    "ros-bagpy": ("Time,header.seq,position_0,position_1,velocity_0,velocity_1,effort_0,effort_1", 1.0),
+    "ros-echo": (
+        "%time,seq,field.position0,field.position1,field.velocity0,field.velocity1,field.effort0,field.effort1",
+        1e9,
+    ),
+}
+
+
+@pytest.fixture
+def write(tmp_path, columns):
+    """Return a writer of logs of a program: number, sequence, q, dq, tau under its headings."""
+
+    def build(program):
+        heading, factor = HEADINGS[program]
+        path = tmp_path / "log.csv"
+        values = np.column_stack(
+            [factor * columns["t"], np.ones(50), columns["q"], columns["q"], columns["tau"]]
+        )
+        if program == "ur-rtde":
+            values = values[:, [0, 1, 2, 3, 4, 5, 6, 7]]
+        lines = [",".join(repr(value) for value in row) for row in values.tolist()]
+        path.write_text("\n".join([heading, *lines]) + "\n")
+        return path
+
+    return build
+
+
+def preset(robot, name):
+    return replace(robot, log=replace(robot.log, preset=name))
+
+
+@pytest.mark.parametrize("program", [name for name in HEADINGS if name != "ur-rtde"])
+def test_the_columns_of_other_programs(make_robot, columns, write, program):
+    robot = preset(make_robot(), program.split("-")[0])
+    recording = read_recording(write(program), robot)
+    np.testing.assert_allclose(recording.time, columns["t"], atol=1e-9)
+    np.testing.assert_array_equal(recording.position, columns["q"])
+    np.testing.assert_array_equal(recording.torque, columns["tau"])
+
+
+def test_currents_by_torque_constants(make_robot, columns, write):
+    drives = (Drive(gear=101.0, torque_constant=0.12), Drive(gear=-50.0, torque_constant=0.1))
+    robot = preset(make_robot(), "ur-rtde")
+    joints = tuple(replace(joint, drive=drive) for joint, drive in zip(robot.joints, drives, strict=True))
+    robot = replace(robot, joints=joints)
+    recording = read_recording(write("ur-rtde"), robot)
+    np.testing.assert_allclose(recording.torque, columns["tau"] * [12.12, -5.0])
+    said = {notice.code: notice.text for notice in recording.notices}
+    assert "torque constant 0.12, 0.1 N m/A times gear 101, -50" in said["log.converted"]
+    matrix = ((101.0, 0.0), (20.0, 50.0))
+    coupled = replace(robot, log=replace(robot.log, transmission=matrix))
+    recording = read_recording(write("ur-rtde"), coupled)
+    np.testing.assert_allclose(recording.torque, columns["tau"] * [0.12, 0.1] @ np.array(matrix))
+    np.testing.assert_array_equal(recording.position, columns["q"])
+
+
+def test_currents_without_constants(make_robot, write):
+    with pytest.raises(LogError) as caught:
+        read_recording(write("ur-rtde"), preset(make_robot(), "ur-rtde"))
+    found = {notice.code: notice.text for notice in caught.value.notices}
+    assert "joint 'joint1' has no torque_constant" in found["log.no-torque-constant"]
+
+
+def test_columns_that_are_not_there(make_robot, write):
+    with pytest.raises(LogError) as caught:
+        read_recording(write("franka"), preset(make_robot(), "ros"))
+    texts = [notice.text for notice in caught.value.notices if notice.code == "log.preset"]
+    assert "position: preset 'ros' looks for field.position0, field.position1 or position_0" in texts[0]
+
+
+def test_what_the_table_states_comes_first(make_robot, columns, write):
+    robot = preset(make_robot(torque=(("state.dq[0]", "state.dq[1]"), "SI")), "franka")
+    np.testing.assert_array_equal(read_recording(write("franka"), robot).torque, columns["q"])
+
+
+def test_columns_of_words_are_passed_over(make_robot, tmp_path):
+    path = tmp_path / "log.csv"
+    rows = [f"{k},base_link,\"['a','b']\",{k},{k},1,2" for k in range(20)]
+    path.write_text("\n".join(["Time,frame_id,name,position_0,position_1,effort_0,effort_1", *rows]))
+    recording = read_recording(path, preset(make_robot(), "ros"))
+    np.testing.assert_array_equal(recording.position[:, 1], np.arange(20))
+    said = {notice.code: notice.text for notice in recording.notices}
+    assert said["log.unused-columns"] == "columns that were not used: frame_id, name"

@@ -1,0 +1,118 @@
+"""What a controller was asked to do, from a log: read, cut, resampled, moved, written."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symid.logs.files import write_recording
+from symid.logs.reader import read_recording
+from symid.logs.recording import Recording, cut_recording
+from symid.logs.runs import read_log_runs
+from symid.logs.sampling import plan_resampling, resample_recording
+from symid.robot.toml_reader import parse_robot
+
+HEAD = """
+convention = "modified"
+gravity = [0, 0, -9.81]
+[[joint]]
+kind = "revolute"
+[joint.drive]
+gear = 50
+[[joint]]
+kind = "revolute"
+[joint.drive]
+gear = 50
+"""
+
+
+@pytest.fixture
+def robot():
+    return parse_robot(HEAD)
+
+
+@pytest.fixture
+def recording():
+    time = 0.01 * np.arange(200)
+    position = np.stack([np.sin(time), np.cos(3.0 * time)], axis=1)
+    return Recording(
+        time=time,
+        position=position,
+        torque=3.0 * position,
+        reference=position + 0.01,
+        reference_velocity=position - 0.5,
+        feedforward=2.0 * position,
+    )
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".csv"])
+def test_what_is_written_is_read_again(tmp_path, robot, recording, suffix):
+    found = read_recording(write_recording(recording, tmp_path / f"log{suffix}", robot), robot)
+    for name in ("reference", "reference_velocity", "feedforward"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(recording, name))
+    assert not any(notice.code == "log.unused-columns" for notice in found.notices)
+
+
+def test_a_motor_side_log_passes_the_gear(tmp_path, robot, recording):
+    path = write_recording(recording, tmp_path / "log.npz", robot)
+    moved = parse_robot(
+        HEAD
+        + """
+[log]
+reference = { columns = ["q_ref"], unit = "rad", side = "motor", offset = 0.25 }
+reference_velocity = { columns = ["dq_ref"], unit = "rad/s", side = "motor" }
+feedforward = { columns = ["tau_ff"], unit = "N m", side = "motor" }
+"""
+    )
+    found = read_recording(path, moved)
+    np.testing.assert_allclose(found.reference, recording.reference / 50.0 + 0.25)
+    np.testing.assert_allclose(found.reference_velocity, recording.reference_velocity / 50.0)
+    np.testing.assert_allclose(found.feedforward, recording.feedforward * 50.0)
+
+
+def test_a_transmission_turns_them(tmp_path, robot, recording):
+    path = write_recording(recording, tmp_path / "log.npz", robot)
+    matrix = np.array([[45.0, 0.0], [32.0, 32.0]])
+    coupled = parse_robot(
+        HEAD
+        + """
+[log]
+transmission = [[45, 0], [32, 32]]
+reference = { columns = ["q_ref"], unit = "rad", side = "motor" }
+feedforward = { columns = ["tau_ff"], unit = "N m", side = "motor" }
+"""
+    )
+    found = read_recording(path, coupled)
+    np.testing.assert_allclose(found.reference @ matrix.T, recording.reference)
+    np.testing.assert_allclose(found.feedforward, recording.feedforward @ matrix)
+
+
+def test_cuts_and_resampling_keep_samples_together(recording):
+    cut = cut_recording(recording, slice(10, 50))
+    np.testing.assert_array_equal(cut.reference, recording.reference[10:50])
+    np.testing.assert_array_equal(cut.feedforward, recording.feedforward[10:50])
+    moved = resample_recording(recording, plan_resampling(recording.time))
+    assert moved.reference.shape == moved.reference_velocity.shape == moved.position.shape
+    np.testing.assert_allclose(moved.reference, moved.position + 0.01, atol=1e-6)
+    assert cut_recording(replace(recording, reference=None), slice(1, 5)).reference is None
+
+
+def test_the_zero_of_a_run_moves_position_and_reference(tmp_path, robot, recording):
+    write_recording(recording, tmp_path / "log.npz", robot)
+    runs = tmp_path / "runs.toml"
+    runs.write_text('[[run]]\nfile = "log.npz"\noffset = [0.1, -0.2]\n')
+    (found,) = read_log_runs(runs, robot)
+    np.testing.assert_allclose(found.reference - found.position, 0.01)
+    np.testing.assert_allclose(found.position, recording.position + np.array([0.1, -0.2]))
+
+
+def test_a_gap_in_the_reference_stops_no_one_and_a_named_column_may_be_missing(tmp_path, robot, recording):
+    reference = recording.reference.copy()
+    reference[3, 1] = np.nan
+    path = write_recording(replace(recording, reference=reference), tmp_path / "log.npz", robot)
+    assert np.isnan(read_recording(path, robot).reference[3, 1])
+    named = parse_robot(HEAD + '[log]\nreference = { columns = ["soll"], unit = "rad" }\n')
+    found = read_recording(path, named)
+    assert found.reference is None
+    (notice,) = (entry for entry in found.notices if entry.code == "log.no-reference")
+    assert "there is no column 'soll'" in notice.text

@@ -1,0 +1,105 @@
+"""Time stamps and encoder steps: what is found in them, and what resampling does."""
+
+import numpy as np
+import pytest
+
+from symid.errors import LogError
+from symid.logs.checks import estimate_encoder_step
+from symid.logs.recording import Recording
+from symid.logs.sampling import (
+    describe_timing,
+    measure_timing,
+    plan_resampling,
+    resample_if_uneven,
+    resample_recording,
+)
+
+T = np.arange(1000) * 1e-3
+
+
+def said(time):
+    return {notice.code: notice.text for notice in describe_timing(time)}
+
+
+def test_even_times_need_no_word():
+    assert describe_timing(T) == ()
+    assert measure_timing(T).even
+    assert measure_timing(T).period == pytest.approx(1e-3)
+
+
+def test_gaps_are_counted():
+    time = np.delete(T, [100, 101, 500])
+    timing = measure_timing(time)
+    assert (len(timing.gaps), timing.missing, timing.repeated, timing.backward) == (2, 3, 0, 0)
+    assert (
+        "2 gaps, 3 samples of 1000 are missing; the first lasts from 0.099 s to 0.102 s"
+        in said(time)["log.gap"]
+    )
+
+
+def test_repeated_and_returning_times():
+    time = np.insert(T, 10, T[10])
+    time[200:] -= 0.05
+    found = said(time)
+    assert "1 samples have the time of the one before (the first: 11)" in found["log.repeated-times"]
+    assert "1 samples come before the one in front of them" in found["log.time-order"]
+
+
+def test_jitter_that_is_accepted_and_that_is_not():
+    rng = np.random.default_rng(3)
+    noise = rng.uniform(-1.0, 1.0, len(T))
+    assert "accepted as even" in said(T + 0.05e-3 * noise)["log.jitter"]
+    assert "accepted as even" not in said(T + 0.2499e-3 * noise)["log.jitter"]
+
+
+def test_a_clock_that_stands_still():
+    assert measure_timing(np.zeros(5)).period == 0.0
+    with pytest.raises(LogError) as caught:
+        plan_resampling(np.zeros(50))
+    assert caught.value.notices[0].code == "log.time-order"
+    with pytest.raises(LogError) as caught:
+        plan_resampling(np.array([0.0, 1.0, 2.0, 30.0, 31.0, 32.0]))
+    assert caught.value.notices[0].code == "log.gap"
+
+
+def make_recording(time):
+    wave = np.sin(7.0 * time)
+    return Recording(time=time, position=wave[:, None], torque=np.cos(time)[:, None], velocity=wave[:, None])
+
+
+def test_resampling_says_what_it_did():
+    time = np.delete(np.insert(T, 10, T[10]), [100, 101, *range(700, 760)])
+    time = time + 0.2e-3 * np.random.default_rng(1).uniform(size=len(time))
+    time[10] = time[11]
+    moved = resample_if_uneven(make_recording(time))
+    (notice,) = moved.notices
+    assert notice.code == "log.resampled"
+    assert "1 with times that repeat or return were left out" in notice.text
+    assert "1 gaps of up to 10 periods were interpolated over" in notice.text
+    assert "on the far side of longer gaps were left out" in notice.text
+    assert np.ptp(np.diff(moved.time)) < 1e-12
+    # Monotone cubics: third order where the wave turns, at a thousandth of its period.
+    np.testing.assert_allclose(moved.position[:, 0], np.sin(7.0 * moved.time), atol=1e-4)
+
+
+def test_even_recordings_stay():
+    recording = make_recording(T)
+    assert resample_if_uneven(recording) is recording
+
+
+def test_samples_of_an_even_log_come_back():
+    recording = make_recording(T)
+    moved = resample_recording(recording, plan_resampling(T))
+    np.testing.assert_allclose(moved.position, recording.position, atol=1e-12)
+
+
+@pytest.mark.parametrize("step", [1e-5, 3e-4, 0.01])
+def test_the_step_of_an_encoder(step):
+    wave = np.sin(5.0 * T) + 0.1 * T
+    assert estimate_encoder_step(np.round(wave / step) * step + 0.123) == pytest.approx(step, rel=1e-6)
+
+
+def test_no_step():
+    assert estimate_encoder_step(np.sin(5.0 * T)) == 0.0
+    assert estimate_encoder_step(np.ones(50)) == 0.0
+    assert estimate_encoder_step(T + np.random.default_rng(1).normal(size=len(T))) == 0.0

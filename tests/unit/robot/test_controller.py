@@ -1,0 +1,113 @@
+"""The `[controller]` table: read, refused in words, written back, overridden."""
+
+import pytest
+
+from symid.errors import RobotError, UsageError
+from symid.robot.description import Controller
+from symid.robot.loading import override_robot
+from symid.robot.toml_reader import parse_robot
+from symid.robot.toml_writer import write_robot
+
+HEAD = """
+convention = "modified"
+gravity = [0, 0, -9.81]
+[[joint]]
+kind = "revolute"
+[[joint]]
+kind = "prismatic"
+"""
+
+
+def read(text):
+    return parse_robot(f"{HEAD}\n[controller]\n{text}")
+
+
+def list_refused(text):
+    with pytest.raises(RobotError) as caught:
+        read(text)
+    return {notice.code: notice.text for notice in caught.value.notices}
+
+
+def test_what_is_not_said_has_the_usual_value():
+    found = read("stiffness = [400, 6e3]\ndamping = [25, 300]").controller
+    assert found == Controller(stiffness=(400.0, 6000.0), damping=(25.0, 300.0))
+    assert (found.velocity, found.velocity_source, found.torque) == ("error", "difference", "command")
+    assert found.velocity_filter is found.offset is None
+
+
+def test_a_file_without_the_table_has_no_controller():
+    assert parse_robot(HEAD).controller is None
+
+
+def test_every_key_comes_back_from_a_written_file():
+    robot = read(
+        'stiffness = [400, 6000]\ndamping = [25, 300]\nvelocity = "measured"\nvelocity_source = "sensor"\n'
+        'velocity_filter = 150\noffset = [3, -1.5]\ntorque = "average"'
+    )
+    assert robot.controller == Controller(
+        stiffness=(400.0, 6000.0),
+        damping=(25.0, 300.0),
+        velocity="measured",
+        velocity_source="sensor",
+        velocity_filter=150.0,
+        offset=(3.0, -1.5),
+        torque="average",
+    )
+    assert parse_robot(write_robot(robot)).controller == robot.controller
+
+
+def test_one_number_stands_for_all_joints_of_one_kind():
+    text = HEAD.replace("prismatic", "revolute")
+    robot = parse_robot(f"{text}\n[controller]\nstiffness = 400\ndamping = [25]\noffset = 'log'")
+    assert robot.controller == Controller(stiffness=(400.0, 400.0), damping=(25.0, 25.0))
+    assert "joints that slide" in list_refused("stiffness = 400\ndamping = [1, 1]")["robot.column-count"]
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "said"),
+    [
+        ("damping = [1, 1]", "robot.missing-key", "stiffness"),
+        ("stiffness = [1, 1, 1]\ndamping = [1, 1]", "robot.column-count", "3 numbers for 2 joints"),
+        ("stiffness = ['a', 1]\ndamping = [1, 1]", "robot.wrong-type", "N*m/rad"),
+        ("stiffness = [1, -1]\ndamping = [1, 1]", "robot.out-of-range", "N/m"),
+        ("stiffness = [1, 1]\ndamping = [1, 1]\nvelocity = 'ref'", "robot.bad-choice", "error"),
+        ("stiffness = [1, 1]\ndamping = [1, 1]\nvelocity_filter = 0", "robot.out-of-range", "Hz"),
+        ("stiffness = [1, 1]\ndamping = [1, 1]\noffset = 'weight'", "robot.wrong-type", '"log"'),
+        ("stiffness = [1, 1]\ndamping = [1, 1]\nkp = 3", "robot.unknown-key", "no such key"),
+    ],
+)
+def test_mistakes_are_told_in_words(text, code, said):
+    assert said in list_refused(text)[code]
+
+
+def test_the_command_line_states_gains_too():
+    robot = parse_robot(HEAD)
+    pairs = [("controller.stiffness", "400,6000"), ("controller.damping", "[25, 300]")]
+    changed = override_robot(robot, pairs)
+    assert changed.controller == Controller(stiffness=(400.0, 6000.0), damping=(25.0, 300.0))
+    again = override_robot(changed, [("controller.velocity_filter", "80")])
+    assert again.controller.velocity_filter == 80.0
+    assert again.controller.stiffness == (400.0, 6000.0)
+    with pytest.raises(RobotError, match="damping"):
+        override_robot(robot, pairs[:1])
+    with pytest.raises(UsageError, match="did you mean controller"):
+        override_robot(robot, [("control.stiffness", "400")])
+
+
+def test_columns_of_the_controller_have_units_and_sides():
+    robot = parse_robot(
+        HEAD.replace("prismatic", "revolute")
+        + """
+[log]
+reference = { columns = ["r1", "r2"], unit = "deg", offset = [0, "90 deg"] }
+reference_velocity = { columns = ["v"], unit = "rpm", side = "motor" }
+feedforward = { columns = ["i"], unit = "N m" }
+"""
+    )
+    assert robot.log.reference.offset[1] == pytest.approx(1.5707963267948966)
+    assert robot.log.reference_velocity.side == "motor"
+    assert parse_robot(write_robot(robot)).log == robot.log
+    with pytest.raises(RobotError, match="expected a unit of angle"):
+        parse_robot(
+            HEAD.replace("prismatic", "revolute") + "[log.reference]\ncolumns = ['r']\nunit = 'N m'\n"
+        )

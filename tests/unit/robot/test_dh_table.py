@@ -1,0 +1,121 @@
+"""Tables of rows: what they mean, and what each mistake is told."""
+
+import pytest
+
+from symid.errors import RobotError
+from symid.robot.description import JointKind
+from symid.robot.dh_table import parse_dh_table, read_dh_table
+from symid.robot.geometry import Exact
+from symid.robot.toml_reader import parse_robot
+
+ROWS = """
+[[joint]]
+name = "shoulder"
+kind = "revolute"
+d = 0.15
+[[joint]]
+name = "elbow"
+kind = "revolute"
+alpha = "-pi/2"
+a = 0.25
+theta = "-pi/2"
+[[joint]]
+name = "joint3"
+kind = "prismatic"
+alpha = "pi/6"
+d = 0.1
+"""
+TABLES = {
+    "decimals": (
+        "# A table.\njoint,alpha,a,d,theta\n\nshoulder,0,0,0.15,q\nelbow,-pi/2,0.25,0,q2 - pi/2  # turned\n"
+        "3,pi/6,0,q+0.1,0\n"
+    ),
+    "degrees": (
+        "name;kind;alpha_deg;a_mm;d_mm;theta_deg\r\nshoulder;revolute;0;0;150;0\r\n"
+        "elbow;revolute;-90;250;;-90\r\njoint3;;30;0;q+100;\r\n"
+    ),
+    "quoted": (
+        '"joint","alpha_deg","a","d","theta"\n"shoulder",0,"0",0.15,q\n'
+        'elbow,-90, "0.25" ,0,"q2 - pi/2" # turned\n3,30,0,"q+0.1",0\n'
+    ),
+    "tabs": "joint\talpha_rad\ta_m\td_m\ttheta_rad\nshoulder\t0\t0\t.15\tq1\nelbow\t-pi/2\t.25\t0\tq-pi/2\n"
+    "joint3\t30 deg\t0\tq + 0.1\t0\n",
+}
+
+
+@pytest.mark.parametrize("convention", ["modified", "standard"])
+@pytest.mark.parametrize("name", sorted(TABLES))
+def test_a_table_is_the_robot_file_with_its_rows(name, convention):
+    wanted = parse_robot(f'convention = "{convention}"\ngravity = [0, 0, -9.81]\n{ROWS}')
+    found = parse_dh_table(TABLES[name], convention)
+    assert found.joints == wanted.joints
+    assert (found.gravity, found.convention) == (wanted.gravity, convention)
+    assert found.notices == ()
+
+
+def test_gravity_and_name_are_taken(tmp_path):
+    path = tmp_path / "my arm.csv"
+    path.write_text("\ufeffkind,alpha,a,d,theta\nfixed,0,0,1,0\ncontinuous,0,0,0,q\nprismatic,0,0,0,0\n")
+    robot = read_dh_table(path, "modified", ("0.5", "0", "-9.7"))
+    assert robot.name == "my_arm"
+    assert robot.gravity == (Exact.of("0.5"), Exact(), Exact.of("-9.7"))
+    assert [joint.kind for joint in robot.joints] == [JointKind.REVOLUTE, JointKind.PRISMATIC]
+    assert [notice.code for notice in robot.notices] == ["robot.lumped"]
+
+
+HEAD = "joint,kind,alpha,a,d,theta\n"
+MISTAKES = [
+    ("robot.table-header", "", 1, 1, "joint,kind,alpha,a,d,theta"),
+    ("robot.table-header", "joint,kind,alfa,a,d,theta,alpha\na,,0,0,0,q,0\n", 1, 12, "did you mean alpha"),
+    ("robot.table-header", "alpha,a,d,theta,a_mm\n0,0,0,q,0\n", 1, 17, "the same as a column before"),
+    (
+        "robot.table-header",
+        "one,,0,0,0,q\ntwo,,0,0,0,q\n",
+        1,
+        1,
+        "no header; the first line names the columns",
+    ),
+    ("robot.table-header", "alpha,a,theta\n0,0,q\n", 1, 1, "the columns d are missing"),
+    ("robot.missing-key", HEAD, 1, 1, "no rows below the header"),
+    ("robot.table-row", HEAD + "one,,0,0,q\n", 2, 1, "5 cells under 6 columns"),
+    ("robot.table-row", HEAD + "one,,0,0,q,q\n", 2, 12, "q stands twice"),
+    ("robot.table-row", HEAD + "one,,0,0,0,0\n", 2, 1, "neither q nor kind"),
+    ("robot.table-row", HEAD + "one,,q,0,0,0\n", 2, 6, "q under alpha"),
+    ("robot.table-row", HEAD + "one,prismatic,0,0,0,q\n", 2, 21, 'kind says "prismatic"'),
+    ("robot.bad-length", HEAD + "one,,0,L1,0,q\n", 2, 8, 'got "L1"; symbols belong into the robot file'),
+    ("robot.bad-length", "alpha;a;d;theta\n0;0,5;0;q\n", 2, 3, "a point, not a comma"),
+    ("robot.bad-angle", HEAD + "one,,pi half,0,0,q\n", 2, 6, "expected an angle"),
+    ("robot.bad-choice", HEAD + "one,revolut,0,0,0,0\n", 2, 5, "did you mean revolute?"),
+    ("robot.duplicate-joint", HEAD + "one,,0,0,0,q\none,,0,0,0,q\n", 3, 1, "taken by joint 1"),
+]
+
+
+@pytest.mark.parametrize(("code", "text", "line", "column", "words"), MISTAKES)
+def test_a_mistake_is_told_once_with_its_place(code, text, line, column, words):
+    with pytest.raises(RobotError) as caught:
+        parse_dh_table(text, "modified", file="arm.csv")
+    (notice,) = caught.value.notices
+    assert (notice.code, notice.file, notice.line, notice.column) == (code, "arm.csv", line, column)
+    assert words in notice.text
+
+
+def test_all_mistakes_are_told_at_once():
+    with pytest.raises(RobotError) as caught:
+        parse_dh_table(HEAD + "one,revolut,0,0,0,0\ntwo,,x y,0,0,q\nthree,,0,0,0\n", "modified")
+    assert [notice.line for notice in caught.value.notices] == [2, 3, 4, 4]
+
+
+def test_a_file_that_cannot_be_read_is_told(tmp_path):
+    (tmp_path / "latin.csv").write_bytes(b"\xe9\n")
+    for name, words in (("absent.csv", "No such file"), ("latin.csv", "not UTF-8")):
+        with pytest.raises(RobotError, match=words) as caught:
+            read_dh_table(tmp_path / name, "modified")
+        assert caught.value.notices[0].code == "robot.unreadable"
+
+
+def test_what_stands_in_quotes_separates_nothing():
+    table = 'joint,alpha,a,d,theta\n"the ""first"", #1",0,0,0,q\n'
+    assert parse_dh_table(table, "modified").joints[0].name == 'the "first", #1'
+    with pytest.raises(RobotError) as caught:
+        parse_dh_table('joint,alpha,a,d,theta\n"a, b",0, "x" ,0,q\n', "modified")
+    assert [(notice.line, notice.column) for notice in caught.value.notices] == [(2, 11)]

@@ -1,0 +1,309 @@
+"""What the tables of a joint mean: kinds, followers, springs, couplings, symbols, general frames."""
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from symid.errors import RobotError
+from symid.robot.description import (
+    Coupling,
+    FrictionKind,
+    FrictionValues,
+    JointKind,
+    LogQuantity,
+    Mimic,
+    Spring,
+    SymbolicInertia,
+)
+from symid.robot.elasticity import Elasticity, Knee, Stop
+from symid.robot.geometry import IDENTITY, Exact, Placement, build_exact_angle, compose_placements, rotate_z
+from symid.robot.inertia import move_parameters
+from symid.robot.toml_reader import parse_robot
+
+HEAD = 'convention = "modified"\ngravity = [0, 0, -9.81]\n'
+
+
+def write_joint(name, kind="revolute", extra=""):
+    return f'[[joint]]\nname = "{name}"\nkind = "{kind}"\n{extra}'
+
+
+def to_floats(placement):
+    rotation = np.array([[entry.to_float() for entry in row] for row in placement.rotation])
+    return rotation, np.array([entry.to_float() for entry in placement.translation])
+
+
+def test_a_continuous_joint_is_revolute():
+    text = HEAD + write_joint("a", "continuous", "limits = { velocity = 2 }\n")
+    (joint,) = parse_robot(text).joints
+    assert (joint.kind, joint.limits.position, joint.limits.velocity) == (JointKind.REVOLUTE, None, 2.0)
+
+
+LINK = "link = { mass = 2, com = [0.1, 0, 0.05], inertia = { xx = 0.01, yy = 0.02, zz = 0.02 } }\n"
+
+
+@pytest.mark.parametrize("convention", ["modified", "standard"])
+def test_a_fixed_link_makes_its_carrier_heavier(convention):
+    row = 'alpha = "pi/2"\na = 0.3\nd = 0.2\ntheta = "pi/6"\n'
+    text = f'convention = "{convention}"\ngravity = [0, 0, -9.81]\n'
+    text += write_joint("a", extra="a = 0.1\n" + LINK)
+    text += write_joint("plate", "fixed", row + LINK) + write_joint("b", extra="d = 0.4\n")
+    robot = parse_robot(text)
+    moving = parse_robot(text.replace('"fixed"', '"revolute"'))
+    first, plate, last = moving.joints
+    assert [joint.name for joint in robot.joints] == ["a", "b"]
+    moved = move_parameters(plate.inertial, *to_floats(plate.placement))
+    np.testing.assert_allclose(robot.joints[0].inertial, np.add(first.inertial, moved), rtol=1e-14)
+    assert robot.joints[1].placement == compose_placements(plate.placement, last.placement)
+    assert robot.joints[1].parent == 0
+    (notice,) = robot.notices
+    assert (notice.code, notice.line) == ("robot.lumped", text[: text.index('"fixed"')].count("\n") + 1)
+
+
+def test_fixed_joints_leave_couplings_and_followers_right():
+    text = (
+        HEAD
+        + write_joint("foot", "fixed")
+        + write_joint("a")
+        + write_joint("b", extra='mimic = { joint = "c", multiplier = "-1/3" }\n')
+        + write_joint("c")
+        + '[[coupling]]\nname = "m"\nterms = { c = 2, a = "1/2" }\n'
+    )
+    robot = parse_robot(text)
+    assert [joint.name for joint in robot.joints] == ["a", "b", "c"]
+    assert robot.joints[1].mimic == Mimic(master=2, multiplier=Fraction(-1, 3))
+    assert robot.couplings[0].terms == ((0, Fraction(1, 2)), (2, Fraction(2)))
+    assert robot.freedom == 2
+
+
+def test_the_offset_of_a_follower_is_in_its_placement():
+    mimic = 'mimic = { joint = "a", multiplier = 0.5, offset = "pi/3" }\na = 0.2\ntheta = "pi/6"\n'
+    joint = parse_robot(HEAD + write_joint("a") + write_joint("b", extra=mimic)).joints[1]
+    plain = parse_robot(HEAD + write_joint("a") + write_joint("b", extra='a = 0.2\ntheta = "pi/2"\n')).joints[
+        1
+    ]
+    assert joint.placement == plain.placement
+    assert joint.mimic == Mimic(master=0, multiplier=Fraction(1, 2))
+
+
+def test_the_offset_of_a_sliding_follower_is_a_length():
+    mimic = 'mimic = { joint = "a", multiplier = -1, offset = "L1" }\n'
+    text = (
+        HEAD + "[symbols]\nL1 = 0.3\n" + write_joint("a", "prismatic") + write_joint("b", "prismatic", mimic)
+    )
+    joint = parse_robot(text).joints[1]
+    assert joint.placement.translation == (Exact(), Exact(), Exact.symbol("L1"))
+
+
+def test_chains_of_followers_are_resolved():
+    text = (
+        HEAD
+        + write_joint("a", extra='mimic = { joint = "b", multiplier = 2, offset = 0.25 }\n')
+        + write_joint("b", extra='mimic = { joint = "c", multiplier = "1/3", offset = 0.3 }\n')
+        + write_joint("c")
+        + write_joint("slide", "prismatic", 'mimic = { joint = "b", multiplier = 0.1, offset = 0.01 }\n')
+    )
+    joints = parse_robot(text).joints
+    # q_a = 2 (q_c / 3 + 0.3) + 0.25; the slide is 0.1 (q_c / 3 + 0.3) + 0.01.
+    assert joints[0].mimic == Mimic(master=2, multiplier=Fraction(2, 3))
+    assert joints[0].placement == rotate_z(build_exact_angle(0.85))
+    assert joints[1].placement == rotate_z(build_exact_angle(0.3))
+    assert joints[3].mimic == Mimic(master=2, multiplier=Fraction(1, 30))
+    assert joints[3].placement.translation[2].to_float() == pytest.approx(0.04, rel=1e-15)
+
+
+def test_springs_and_elasticity_are_read():
+    text = HEAD + write_joint("a", extra='spring = { stiffness = 120, rest = "unknown" }\n')
+    text += write_joint("b", "prismatic", 'elasticity = { stiffness = "unknown" }\n')
+    first, second = parse_robot(text).joints
+    assert (first.spring, first.elasticity) == (Spring(stiffness=120.0, rest=None), None)
+    assert (second.spring, second.elasticity) == (None, Elasticity(stiffness=None))
+
+
+def test_elasticity_with_hysteresis_is_read():
+    knees = "[{ threshold = 3.0, slope = 0.5 }, { threshold = 5, slope = -1.2 }]"
+    stops = '[{ threshold = 0.002, stiffness = 120 }, { threshold = 0.005, stiffness = "unknown" }]'
+    table = f"stiffness = 380, damping = 0.2, stops = {stops}, symmetric = true, knees = {knees}"
+    text = HEAD + write_joint("a", extra=f"elasticity = {{ {table} }}\n")
+    (joint,) = parse_robot(text).joints
+    above = (Knee(threshold=3.0, slope=0.5), Knee(threshold=5.0, slope=-1.2))
+    below = (Knee(threshold=-5.0, slope=-1.2), Knee(threshold=-3.0, slope=0.5))
+    assert joint.elasticity == Elasticity(
+        stiffness=380.0,
+        damping=0.2,
+        stops=(Stop(threshold=0.002, stiffness=120.0), Stop(threshold=0.005)),
+        knees=(*below, *above),
+    )
+    knees = "[{ threshold = -2, slope = 1 }, { threshold = 1, slope = 2 }]"
+    uneven = f"elasticity = {{ stiffness = 1, knees = {knees} }}\n"
+    (joint,) = parse_robot(HEAD + write_joint("a", extra=uneven)).joints
+    assert joint.elasticity.knees == (Knee(threshold=-2.0, slope=1.0), Knee(threshold=1.0, slope=2.0))
+    (joint,) = parse_robot(
+        HEAD + write_joint("a", extra="elasticity = { stiffness = 1, cubic = 5 }\n")
+    ).joints
+    assert joint.elasticity == Elasticity(stiffness=1.0, cubic=5.0)
+
+
+def test_a_catalogue_is_stiffness_and_knees():
+    table = "elasticity = { catalogue = { K1 = 100, K2 = 150, K3 = 300, T1 = 2, T2 = 5 }, damping = 1 }\n"
+    (joint,) = parse_robot(HEAD + write_joint("a", extra=table)).joints
+    above = (Knee(threshold=2.0, slope=0.5), Knee(threshold=4.0, slope=1.5))
+    assert (joint.elasticity.stiffness, joint.elasticity.damping) == (100.0, 1.0)
+    assert joint.elasticity.knees[2:] == above
+
+
+def test_dry_friction_is_smoothed_over_a_speed():
+    table = 'friction = { model = "viscous_coulomb", Fv = 1, Fc = 2, smoothing = 0.01 }\n'
+    (joint,) = parse_robot(HEAD + write_joint("a", extra=table)).joints
+    assert joint.friction == FrictionValues(
+        kind=FrictionKind.VISCOUS_COULOMB, values=(1.0, 2.0), smoothing=0.01
+    )
+
+
+def test_couplings_are_read():
+    text = (
+        HEAD
+        + write_joint("a")
+        + write_joint("b")
+        + (
+            '[[coupling]]\nname = "m6"\nterms = { a = 1, b = -2.5 }\nrotor_inertia = 0.01\n'
+            'friction = { model = "viscous_coulomb", Fv = 0.5, Fc = 1 }\n'
+            '[[coupling]]\nname = "m7"\nterms = { b = 1 }\nrotor_inertia = "unknown"\n'
+        )
+    )
+    first, second = parse_robot(text).couplings
+    assert (first.name, first.terms) == ("m6", ((0, Fraction(1)), (1, Fraction(-5, 2))))
+    assert (first.has_rotor, first.rotor_inertia) == (True, 0.01)
+    assert (first.friction.kind, first.friction.values) == (FrictionKind.VISCOUS_COULOMB, (0.5, 1.0))
+    assert second == Coupling(name="m7", terms=((1, Fraction(1)),), has_rotor=True)
+
+
+def test_symbols_stand_for_any_quantity():
+    text = (
+        'convention = "modified"\ngravity = [0, "-g", "1/2*g"]\n'
+        "[symbols]\ng = 9.81\nm1 = 2.0\nlc1 = -0.25\nI1 = 0.02\nL1 = 0.5\n"
+        '[[joint]]\nkind = "revolute"\na = "L1"\nd = "1/2*sqrt(3)*L1 - 0.1"\n'
+        'link = { mass = "m1", com = ["-lc1", 0.1, 0], inertia = { xx = "I1", zz = "2*I1", yy = "3*I1" } }\n'
+    )
+    robot = parse_robot(text)
+    (joint,) = robot.joints
+    g, half = Exact.symbol("g"), Exact.of(Fraction(1, 2))
+    assert robot.gravity == (Exact(), -g, half * g)
+    root = Exact.surd(Fraction(0), 0, Fraction(1, 2))
+    assert joint.placement.translation[2] == root * Exact.symbol("L1") - Exact.of("0.1")
+    zero, inertia = Exact(), Exact.symbol("I1")
+    assert joint.form == SymbolicInertia(
+        mass=Exact.symbol("m1"),
+        com=(-Exact.symbol("lc1"), Exact.of("0.1"), zero),
+        inertia=(inertia, zero, zero, Exact.of(3) * inertia, zero, Exact.of(2) * inertia),
+    )
+    # XX = I1 + m y^2, XY = -m x y, MX = m x.
+    assert joint.inertial[0] == pytest.approx(0.02 + 2 * 0.1**2)
+    assert joint.inertial[1] == pytest.approx(-2 * 0.25 * 0.1)
+    assert joint.inertial[6] == pytest.approx(0.5)
+    assert robot.notices == ()
+
+
+def test_a_link_of_numbers_has_no_form():
+    (joint,) = parse_robot(HEAD + write_joint("a", extra=LINK)).joints
+    assert joint.form is None
+    assert joint.inertial is not None
+
+
+def test_an_origin_is_that_of_urdf():
+    """Rz(yaw) Ry(pitch) Rx(roll), by elementary matrices."""
+    text = HEAD + write_joint("a", extra="origin = { xyz = [1, -0.5, 0.25], rpy = [0.3, -0.4, 1.2] }\n")
+    rotation, translation = to_floats(parse_robot(text).joints[0].placement)
+    r, p, y = 0.3, -0.4, 1.2
+    turn_x = np.array([[1, 0, 0], [0, math.cos(r), -math.sin(r)], [0, math.sin(r), math.cos(r)]])
+    turn_y = np.array([[math.cos(p), 0, math.sin(p)], [0, 1, 0], [-math.sin(p), 0, math.cos(p)]])
+    turn_z = np.array([[math.cos(y), -math.sin(y), 0], [math.sin(y), math.cos(y), 0], [0, 0, 1]])
+    np.testing.assert_allclose(rotation, turn_z @ turn_y @ turn_x, atol=1e-15)
+    assert translation.tolist() == [1.0, -0.5, 0.25]
+
+
+def test_a_quaternion_of_any_length_is_a_rotation():
+    text = HEAD + write_joint("a", extra='origin = { quaternion = ["1+sqrt(2)", 0, 0, 1] }\n')
+    # tan(angle / 2) = 1 / (1 + sqrt 2) = tan(pi / 8).
+    assert parse_robot(text).joints[0].placement == rotate_z(build_exact_angle(math.pi / 4))
+
+
+def test_children_and_links_stand_in_the_frame_of_the_link():
+    text = (
+        'convention = "origin"\ngravity = [0, 0, -9.81]\n'
+        + write_joint(
+            "hip", extra='origin = { rpy = [0, "pi/2", 0] }\nframe = { rpy = [0, "-pi/2", 0] }\n' + LINK
+        )
+        + write_joint("knee", extra="origin = { xyz = [0.1, 0.2, 0.3] }\n")
+    )
+    robot = parse_robot(text)
+    hip, knee = robot.joints
+    assert compose_placements(hip.placement, hip.frame) == IDENTITY
+    moved = Placement(
+        rotation=IDENTITY.rotation, translation=(Exact.of("0.1"), Exact.of("0.2"), Exact.of("0.3"))
+    )
+    assert compose_placements(hip.placement, knee.placement) == moved
+    assert robot.tip == IDENTITY
+    plain = parse_robot(HEAD + write_joint("hip", extra=LINK)).joints[0].inertial
+    np.testing.assert_allclose(hip.inertial, move_parameters(plain, *to_floats(hip.frame)), atol=1e-16)
+
+
+def test_rows_and_origins_live_side_by_side():
+    text = HEAD + write_joint("a", extra="d = 0.5\n") + write_joint("b", extra="origin = {}\n")
+    first, second = parse_robot(text).joints
+    assert str(first.placement.translation[2]) == "1/2"
+    assert second.placement == IDENTITY
+
+
+@pytest.mark.parametrize(
+    ("written", "tangent"), [('"2*atan(1/3)"', Fraction(1, 3)), ('"2*atan(-7/2)"', Fraction(-7, 2))]
+)
+def test_an_angle_by_the_tangent_of_its_half_is_exact(written, tangent):
+    rotation = parse_robot(HEAD + write_joint("a", extra=f"theta = {written}\n")).joints[0].placement.rotation
+    square = tangent * tangent
+    assert rotation[0][0] == Exact.of((1 - square) / (1 + square))
+    assert rotation[1][0] == Exact.of(2 * tangent / (1 + square))
+
+
+def test_a_follower_has_no_column_in_the_log():
+    text = HEAD + write_joint("a") + write_joint("b", extra='mimic = { joint = "a" }\n') + write_joint("c")
+    text += '[log]\nposition = { columns = ["qa", "qc"], unit = "rad" }\n'
+    assert parse_robot(text).log.position == LogQuantity(columns=("qa", "qc"), unit="rad")
+
+
+@pytest.mark.parametrize("name", ["Fv1", "Fcn2", "offset2", "KR3", "IAm6", "Fvm6"])
+def test_symbols_do_not_read_as_parameters(name):
+    coupling = '[[coupling]]\nname = "m6"\nterms = { a = 1 }\nrotor_inertia = "unknown"\n'
+    text = HEAD + write_joint("a", extra=f'd = "{name}"\n') + coupling + f"[symbols]\n{name} = 1\n"
+    with pytest.raises(RobotError) as caught:
+        parse_robot(text)
+    (notice,) = caught.value.notices
+    assert notice.code == "robot.bad-name"
+    assert f"symbols: {name}: cannot name a symbol" in notice.text
+
+
+def test_a_term_with_the_factor_zero_has_its_own_remedy():
+    text = HEAD + write_joint("a") + '[[coupling]]\nname = "m6"\nterms = { a = 0 }\n'
+    with pytest.raises(RobotError, match="leave the joint out"):
+        parse_robot(text)
+
+
+def test_a_symbol_of_two_kinds_is_told_in_words():
+    text = 'convention = "modified"\ngravity = [0, 0, "g"]\n' + write_joint("a", extra='d = "g"\n')
+    with pytest.raises(RobotError, match=r"g was a length \(m\) before, and is an acceleration"):
+        parse_robot(text + "[symbols]\ng = 9.81\n")
+
+
+def test_values_that_no_body_has_are_kept_where_they_are_standard():
+    text = HEAD + write_joint("a", extra="link = { standard = { M = 0 } }\n")
+    text += write_joint("b", extra="link = { standard = { M = 1, XX = -1, MY = 0.5 } }\n")
+    robot = parse_robot(text)
+    assert [joint.inertial for joint in robot.joints] == [(0.0,) * 10, (-1.0, *(0.0,) * 6, 0.5, 0.0, 1.0)]
+    assert [notice.code for notice in robot.notices] == ["robot.impossible-inertia"]
+
+
+def test_blanks_around_names_are_pointed_out():
+    text = HEAD + write_joint("a ") + write_joint("b", extra='parent = "a"\n')
+    with pytest.raises(RobotError, match=r'did you mean "a "\? there is a blank at the end of the name'):
+        parse_robot(text)

@@ -1,0 +1,223 @@
+"""MJCF and URDF that symid writes, read by MuJoCo: the torques are those of independent sums."""
+
+import dataclasses
+import xml.etree.ElementTree as ET
+from fractions import Fraction
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from symid.notation import INERTIAL
+from symid.robot.description import (
+    Coupling,
+    CurvedFriction,
+    Drive,
+    FrictionKind,
+    FrictionValues,
+    Limits,
+    Mimic,
+    Robot,
+    Spring,
+)
+from symid.robot.elasticity import Elasticity
+from symid.robot.geometry import Exact
+from symid.robot.mjcf_writer import list_mjcf_omissions, write_mjcf
+from symid.robot.toml_reader import read_robot
+from symid.robot.urdf_writer import write_urdf
+from tests.chains import (
+    build_chain,
+    build_joint,
+    build_pinocchio,
+    build_transmission,
+    draw_parameters,
+    fold,
+    regress,
+    spread,
+)
+from tests.mujocos import find_mujoco_torques
+
+SHIPPED = ["panda", "kr30", "stanford", "tx40", "two_arms", "quadruped", "wam7", "rrp_twisted", "scara"]
+CLOSE = 1e-11
+
+
+def fill(robot, seed=1):
+    values = draw_parameters(np.random.default_rng(seed), robot.size)
+    joints = [
+        dataclasses.replace(joint, inertial=tuple(map(float, entry)))
+        for joint, entry in zip(robot.joints, values, strict=True)
+    ]
+    return dataclasses.replace(robot, joints=tuple(joints))
+
+
+def strip(robot):
+    """Return the robot's links alone."""
+    joints = [
+        dataclasses.replace(joint, drive=Drive(), friction=FrictionValues(), limits=Limits())
+        for joint in robot.joints
+    ]
+    return dataclasses.replace(robot, joints=tuple(joints), couplings=())
+
+
+def assert_close(found, expected):
+    assert np.abs(found - expected).max() <= CLOSE * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_mujoco_finds_the_torques_of_the_links(name, robots_folder):
+    robot = strip(fill(read_robot(robots_folder / f"{name}.toml")))
+    ours = build_pinocchio(robot, np.array([joint.inertial for joint in robot.joints]))
+    names = [joint.name for joint in robot.joints]
+    model = mujoco.MjModel.from_xml_string(write_mjcf(robot))
+    for seed in range(5):
+        state = np.random.default_rng(seed).uniform(-2, 2, (3, robot.size))
+        expected = pin.rnea(ours, ours.createData(), *state)
+        assert_close(find_mujoco_torques(model, names, state), expected)
+
+
+@pytest.mark.parametrize("name", ["panda", "stanford", "quadruped"])
+def test_mujoco_finds_the_same_in_the_urdf(name, robots_folder):
+    robot = strip(fill(read_robot(robots_folder / f"{name}.toml")))
+    ours = build_pinocchio(robot, np.array([joint.inertial for joint in robot.joints]))
+    names = [joint.name for joint in robot.joints]
+    model = mujoco.MjModel.from_xml_string(write_urdf(robot))
+    state = np.random.default_rng(3).uniform(-2, 2, (3, robot.size))
+    assert_close(find_mujoco_torques(model, names, state), pin.rnea(ours, ours.createData(), *state))
+
+
+@pytest.fixture
+def wrist():
+    """Return a robot whose rotors, coupled drive, friction, springs and limits all have values."""
+    rows = [(0.0, 0, 0.3, "q"), (np.pi / 2, 0.2, 0, "q"), (0.3, 0.1, "q", 0.4), (-np.pi / 2, 0.3, 0.1, "q")]
+    robot = fill(build_chain(rows, gravity=("0.3", "-0.5", "-9.7")))
+    plain, gears = FrictionKind.VISCOUS_COULOMB, (30.0, -48.0, 1.0, 12.0)
+    joints = [
+        dataclasses.replace(
+            joint,
+            drive=Drive(gear=gears[index], has_rotor=True, rotor_inertia=0.2 + 0.1 * index),
+            friction=FrictionValues(kind=plain, values=(0.4 + index, 0.7 - 0.1 * index)),
+            limits=Limits(position=(-9.0, 8.0), velocity=3.0, torque=80.0),
+        )
+        for index, joint in enumerate(robot.joints)
+    ]
+    joints[3] = dataclasses.replace(joints[3], spring=Spring(stiffness=6.0, rest=0.25))
+    coupling = Coupling(
+        name="m4",
+        terms=((0, Fraction(1)), (3, Fraction(-5, 2))),
+        has_rotor=True,
+        rotor_inertia=0.15,
+        friction=FrictionValues(kind=plain, values=(0.3, 0.2)),
+    )
+    return dataclasses.replace(robot, joints=tuple(joints), couplings=(coupling,))
+
+
+def list_values(robot):
+    """Return all parameters of a robot by their labels."""
+    values = {}
+    for index, joint in enumerate(robot.joints):
+        values |= {(index, name): value for name, value in zip(INERTIAL, joint.inertial, strict=True)}
+        values[index, "IA"] = joint.drive.rotor_inertia
+        values |= dict(zip([(index, "Fv"), (index, "Fc")], joint.friction.values, strict=True))
+        if joint.spring is not None:
+            values[index, "KS"] = joint.spring.stiffness
+            values[index, "KR"] = -joint.spring.stiffness * joint.spring.rest
+    for number, coupling in enumerate(robot.couplings, start=robot.size):
+        values[number, "IA"] = coupling.rotor_inertia
+        values |= dict(zip([(number, "Fv"), (number, "Fc")], coupling.friction.values, strict=True))
+    return values
+
+
+def test_drives_friction_springs_and_couplings_are_read(wrist):
+    model = mujoco.MjModel.from_xml_string(write_mjcf(wrist))
+    values = list_values(wrist)
+    names = [joint.name for joint in wrist.joints]
+    rng = np.random.default_rng(5)
+    for _ in range(5):
+        state = rng.uniform(-1, 1, (3, wrist.size))
+        state[1] = rng.choice([-1, 1], wrist.size) * rng.uniform(1, 4, wrist.size)
+        # Where the coupled drive hardly moves, its dry friction is not fully there in MuJoCo.
+        assert abs(build_transmission(wrist)[-1] @ state[1]) > 0.5
+        columns = regress(wrist, *state)
+        expected = sum(values[label] * column for label, column in columns.items())
+        assert_close(find_mujoco_torques(model, names, state, dry=True), expected)
+
+
+def test_limits_and_motors_are_read(wrist):
+    model = mujoco.MjModel.from_xml_string(write_mjcf(wrist))
+    np.testing.assert_array_equal(model.jnt_range, [[-9.0, 8.0]] * 4)
+    np.testing.assert_array_equal(model.jnt_actfrcrange, [[-80.0, 80.0]] * 4)
+    np.testing.assert_array_equal(model.actuator_gear[:, 0], [30.0, -48.0, 1.0, 12.0])
+    np.testing.assert_array_equal(model.opt.gravity, [0.3, -0.5, -9.7])
+    assert model.joint("joint2").name == "joint2"
+    assert model.actuator("joint2_motor").trnid[0] == model.joint("joint2").id
+
+
+def test_followers_are_held():
+    joints = [build_joint(index, (np.pi / 2, 0.1, 0.2, "q")) for index in range(3)]
+    joints[2] = dataclasses.replace(joints[2], mimic=Mimic(master=0, multiplier=Fraction(-3, 2)))
+    robot = fill(Robot(name="follower", joints=tuple(joints)))
+    model = mujoco.MjModel.from_xml_string(write_mjcf(robot))
+    state = np.random.default_rng(2).uniform(-1, 1, (3, robot.freedom))
+    joints_state = np.array([spread(robot, row) for row in state])
+    torques = find_mujoco_torques(model, [joint.name for joint in robot.joints], joints_state)
+    values = np.concatenate([joint.inertial for joint in robot.joints])
+    columns = regress(robot, *state)
+    expected = sum(value * column for value, column in zip(values, columns.values(), strict=True))
+    assert_close(fold(robot, torques), expected)
+    assert (model.neq, model.nu) == (1, 2)
+    np.testing.assert_array_equal(model.eq_data[0, :5], [0, -1.5, 0, 0, 0])
+    assert [model.joint(index).name for index in (model.eq_obj1id[0], model.eq_obj2id[0])] == [
+        "joint3",
+        "joint1",
+    ]
+
+
+def test_what_has_no_words_is_told():
+    friction = (
+        FrictionValues(kind=FrictionKind.VISCOUS_COULOMB_OFFSET, values=(1.0, 2.0, 3.0), smoothing=0.01),
+        FrictionValues(kind=FrictionKind.ASYMMETRIC, values=(1.0, 2.0, 3.0, 6.0)),
+        FrictionValues(kind=CurvedFriction.STRIBECK, values=(0.5, 1.5, 0.25), shape=(0.1, 2.0)),
+        FrictionValues(kind=FrictionKind.VISCOUS_COULOMB, values=(0.1, -0.2)),
+        FrictionValues(kind=FrictionKind.VISCOUS_COULOMB),
+    )
+    robot = fill(build_chain([(0.1, 0.1, 0, "q")] * 5, name='an "odd" <name>--'))
+    joints = [
+        dataclasses.replace(joint, friction=entry, spring=Spring() if index == 4 else None)
+        for index, (joint, entry) in enumerate(zip(robot.joints, friction, strict=True))
+    ]
+    joints[3] = dataclasses.replace(joints[3], elasticity=Elasticity(stiffness=900.0))
+    robot = dataclasses.replace(robot, joints=tuple(joints), symbols=(("L1", 0.25),))
+    text = write_mjcf(robot, comments=("a comment -- of the caller",))
+    ET.fromstring(text)  # noqa: S314  our own text
+    model = mujoco.MjModel.from_xml_string(text)
+    np.testing.assert_array_equal(model.dof_damping, [1.0, 2.0, 0.5, 0.1, 0.0])
+    np.testing.assert_array_equal(model.dof_frictionloss, [2.0, 4.0, 1.5, 0.0, 0.0])
+    for words in (
+        "a comment - - of the caller",
+        "L1 = 0.25 m",
+        "viscous_coulomb_offset, values 1.0 2.0 3.0 (Fv, Fc, offset)",
+        "dry friction changes its sign over 0.01",
+        "joint2: friction model asymmetric",
+        "joint3: friction model stribeck, values 0.5 1.5 0.25, shape 0.1 2.0 (Fv, Fc, Fe; vs, gamma)",
+        "joint4: dry friction -0.2, which drives instead of braking",
+        "joint4: elastic, 900.0; it is written as rigid",
+        "joint5: friction of unknown size",
+        "joint5: a spring of unknown stiffness",
+    ):
+        assert words in text, words
+    assert len(list_mjcf_omissions(robot)) == 8
+
+
+def test_symbols_are_written_as_their_values_and_parameters_can_be_given():
+    values = draw_parameters(np.random.default_rng(6), 1)
+    robot = Robot(name="s", joints=(build_joint(0, (0.0, "L1", 0, "q")),), symbols=(("L1", 0.375),))
+    robot = dataclasses.replace(robot, gravity=(Exact.of("9.81"), Exact(), Exact()))
+    model = mujoco.MjModel.from_xml_string(write_mjcf(robot, values))
+    np.testing.assert_array_equal(model.body("joint1_link").pos, [0.375, 0.0, 0.0])
+    np.testing.assert_allclose(model.body("joint1_link").mass, values[0, 9])
+
+
+def test_a_long_chain_is_written():
+    robot = fill(build_chain([(0.0, 0.01, 0, "q")] * 40))
+    assert mujoco.MjModel.from_xml_string(write_mjcf(robot)).nv == 40

@@ -1,0 +1,103 @@
+"""Settings of the command line: the same checks as in the file, and places that name them."""
+
+import pytest
+
+from symid.errors import RobotError, UsageError
+from symid.robot.description import FrictionKind
+from symid.robot.loading import override_robot
+from symid.robot.toml_reader import read_robot
+from symid.robot.toml_settings import list_log, list_processing
+
+
+@pytest.fixture
+def emps(robots_folder):
+    return read_robot(robots_folder / "emps.toml")
+
+
+def test_settings_replace_those_of_the_file(emps):
+    settings = [
+        ("processing.filter_cutoff", "50"),
+        ("processing.decimation.factor", "4"),
+        ("processing.filter_torque", "true"),
+        ("log.torque.columns", "u"),
+        ("log.position.unit", "mm"),
+    ]
+    robot = override_robot(emps, settings)
+    assert (robot.processing.filter_cutoff, robot.processing.drop_first) == (50.0, 49)
+    assert (robot.processing.decimation.factor, robot.processing.decimation.order) == (4, 8)
+    assert robot.processing.filter_torque
+    assert (robot.log.torque.columns, robot.log.torque.factor) == (("u",), (35.15065188,))
+    assert robot.log.position.unit == "mm"
+    assert robot.log.time == emps.log.time
+    assert robot.joints == emps.joints
+
+
+def test_no_setting_changes_nothing(emps):
+    assert override_robot(emps, []) == emps
+    assert override_robot(emps, [("processing.drop_last", "0")]) == emps
+    assert list_processing(emps.processing)["filter_order"] == 4
+    assert set(list_log(emps.log)) == {"time", "position", "torque", "reference"}
+
+
+def test_the_filter_can_be_turned_off(emps):
+    assert override_robot(emps, [("processing.filter_cutoff", "none")]).processing.filter_cutoff is None
+
+
+def test_columns_of_a_robot_without_a_log_table(robots_folder):
+    robot = read_robot(robots_folder / "two_link.toml")
+    settings = [("log.torque.columns", "u1, u2"), ("log.torque.unit", "N m")]
+    assert override_robot(robot, settings).log.torque.columns == ("u1", "u2")
+
+
+def test_mistakes_are_told_at_once_and_name_the_setting(emps):
+    settings = [
+        ("processing.filter_cutoff", "-1"),
+        ("processing.filter_ordr", "4"),
+        ("log.torque.columns", '["a", "b"]'),
+        ("log.position.unit", "metre"),
+    ]
+    with pytest.raises(RobotError) as caught:
+        override_robot(emps, settings)
+    told = {notice.file: notice for notice in caught.value.notices}
+    assert set(told) == {f"--set {key}={value}" for key, value in settings}
+    assert told["--set processing.filter_ordr=4"].code == "robot.unknown-key"
+    assert "did you mean filter_order" in told["--set processing.filter_ordr=4"].text
+    assert told["--set processing.filter_cutoff=-1"].code == "robot.out-of-range"
+    assert "got -1" in told["--set processing.filter_cutoff=-1"].text
+    assert told["--set log.position.unit=metre"].code == "robot.unknown-unit"
+
+
+def test_a_factor_does_not_outlive_the_dimension_of_its_unit(emps):
+    robot = override_robot(emps, [("log.torque.unit", "N")])
+    assert robot.log.torque.factor == (1.0,)
+    assert override_robot(emps, [("log.torque.unit", "mV")]).log.torque.factor == (35.15065188,)
+    with pytest.raises(RobotError, match="needs a factor"):
+        override_robot(emps, [("log.torque.unit", "A")])
+
+
+@pytest.mark.parametrize(
+    "key", ["gravity", "joint.0.a", "processing", "log.torque.columns.0", "log..unit", "lgo.torque"]
+)
+def test_a_key_that_cannot_be_set_is_refused(emps, key):
+    with pytest.raises(UsageError, match="cannot be set here") as caught:
+        override_robot(emps, [(key, "1")])
+    assert caught.value.notices[0].code == "usage.bad-setting"
+
+
+def test_a_friction_model_is_set_for_all_joints_and_its_values_forgotten(robots_folder):
+    robot = read_robot(robots_folder / "two_link.toml")
+    assert robot.joints[0].friction.values is not None
+    for changed in (
+        override_robot(robot, [], "asymmetric"),
+        override_robot(robot, [("friction", "asymmetric")]),
+    ):
+        assert {joint.friction.kind for joint in changed.joints} == {FrictionKind.ASYMMETRIC}
+        assert {joint.friction.values for joint in changed.joints} == {None}
+    same = override_robot(robot, [], "viscous_coulomb_offset")
+    assert same == robot
+
+
+def test_an_unknown_friction_model_is_refused_with_the_nearest(emps):
+    with pytest.raises(UsageError, match="did you mean asymmetric") as caught:
+        override_robot(emps, [], "asymetric")
+    assert caught.value.notices[0].code == "usage.unknown-friction"

@@ -1,0 +1,449 @@
+"""URDFs that are right: what the robot holds, and what is said about the rest."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from symid.robot.description import FrictionKind, JointKind, Processing
+from symid.robot.geometry import Exact, compose_placements, translate
+from symid.robot.inertia import move_parameters
+from symid.robot.toml_reader import parse_robot
+from symid.robot.toml_writer import write_robot
+from symid.robot.urdf_reader import parse_urdf, read_urdf
+
+ARM = """<?xml version="1.0"?>
+<robot name="my arm" version="1.0">
+  <material name="grey"/>
+  <link name="base"><visual/></link>
+  <link name="upper">
+    <visual/><collision/>
+    <inertial>
+      <origin xyz="0.1 0 0.02" rpy="0 0 1.5707963267948966"/>
+      <mass value="2"/>
+      <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.025"/>
+    </inertial>
+  </link>
+  <link name="slide">
+    <inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>
+  </link>
+  <link name="tool">
+    <inertial><origin xyz="0 0 0.1"/><mass value="0.5"/>
+      <inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial>
+  </link>
+  <joint name="lift" type="revolute">
+    <parent link="base"/><child link="upper"/>
+    <origin xyz="0 0 0.3" rpy="0 0 0"/>
+    <axis xyz="0 1 0"/>
+    <limit lower="-1" upper="2" velocity="3" effort="40"/>
+    <dynamics damping="0.5" friction="0.2" armature="1"/>
+    <safety_controller k_velocity="1"/>
+  </joint>
+  <joint name="push" type="prismatic">
+    <parent link="upper"/><child link="slide"/>
+    <origin xyz="0.25 0 0"/>
+    <axis xyz="1 0 0"/>
+    <limit effort="0" velocity="inf"/>
+  </joint>
+  <joint name="flange" type="fixed">
+    <parent link="slide"/><child link="tool"/><origin xyz="0 0 0.05"/><axis xyz="0 0 0"/>
+  </joint>
+  <transmission name="t">
+    <type>transmission_interface/SimpleTransmission</type>
+    <joint name="lift"><hardwareInterface>EffortJointInterface</hardwareInterface></joint>
+    <actuator name="motor"><mechanicalReduction>50</mechanicalReduction>
+      <motorInertia>1e-4</motorInertia></actuator>
+  </transmission>
+</robot>
+"""
+
+
+@pytest.fixture
+def arm():
+    return parse_urdf(ARM, "arm.urdf")
+
+
+def list_codes(robot):
+    return [notice.code for notice in robot.notices]
+
+
+def find_text(robot, code):
+    return next(str(notice) for notice in robot.notices if notice.code == code)
+
+
+def test_joints_and_their_numbers(arm):
+    lift, push = arm.joints
+    assert (lift.name, lift.kind, lift.parent) == ("lift", JointKind.REVOLUTE, -1)
+    assert (push.name, push.kind, push.parent) == ("push", JointKind.PRISMATIC, 0)
+    assert lift.limits.position == (-1.0, 2.0)
+    assert (lift.limits.velocity, lift.limits.torque) == (3.0, 40.0)
+    assert (push.limits.velocity, push.limits.torque, push.limits.position) == (None, None, None)
+    assert lift.friction.kind is FrictionKind.VISCOUS_COULOMB
+    assert lift.friction.values == (0.5, 0.2)
+    assert push.friction.kind is FrictionKind.NONE
+    assert (lift.drive.gear, lift.drive.has_rotor) == (50.0, True)
+    assert lift.drive.rotor_inertia == pytest.approx(1e-4 * 2500)
+    assert (arm.convention, arm.path, arm.source) == ("urdf", "arm.urdf", "my arm")
+    assert arm.gravity == (Exact(), Exact(), Exact.of("-9.81"))
+
+
+def test_the_axis_is_z_and_the_frame_of_the_file_is_kept(arm):
+    lift, push = arm.joints
+    column = [row[2] for row in lift.placement.rotation]
+    assert [str(value) for value in column] == ["0", "1", "0"]
+    # The file's y axis is the joint's own z axis.
+    assert [str(value) for value in lift.frame.rotation[2]] == ["0", "1", "0"]
+    assert [str(value) for value in push.frame.rotation[2]] == ["1", "0", "0"]
+
+
+def test_inertial_values_stand_about_the_link_frame_of_the_joint(arm):
+    lift = arm.joints[0]
+    # In the file's frame: the inertial frame is turned by 90 degrees about z, so xx and yy change places.
+    expected = move_parameters((0.02, 0, 0, 0.01, 0, 0.025, 0, 0, 0, 2), np.eye(3), np.array([0.1, 0, 0.02]))
+    rotation = np.array([[entry.to_float() for entry in row] for row in lift.frame.rotation])
+    shift = np.array([entry.to_float() for entry in lift.frame.translation])
+    np.testing.assert_allclose(lift.inertial, move_parameters(expected, rotation, shift), atol=1e-15)
+
+
+def test_fixed_links_are_joined(arm):
+    push = arm.joints[1]
+    assert push.inertial[9] == pytest.approx(1.5)
+    assert "tool" in find_text(arm, "robot.lumped")
+
+
+def test_what_is_not_used_is_listed_with_its_place(arm):
+    unused = [str(notice) for notice in arm.notices if notice.code == "robot.urdf-unused"]
+    looks = "not used, and not needed for the dynamics: <material> (1), <visual> (2), <collision> (1)"
+    assert unused == [
+        'arm.urdf:2:31: not used: attribute version="..." of <robot> (once, line 2)',
+        f"arm.urdf:3:3: {looks}",
+        'arm.urdf:25:54: not used: attribute armature="..." of <dynamics> (once, line 25)',
+        "arm.urdf:26:5: not used: <safety_controller> in <joint> (once, line 26)",
+        "arm.urdf:35:71: not used: <axis> of a fixed joint (once, line 35)",
+    ]
+
+
+def test_the_rest_is_said(arm):
+    assert arm.name == "my_arm"
+    assert find_text(arm, "robot.renamed").startswith("arm.urdf:2:14: the robot is called my_arm")
+    assert "(0, 0, -9.81)" in find_text(arm, "robot.assumed-gravity")
+    assert "robot.bad-limits" not in list_codes(arm)
+    places = [(notice.line, notice.column) for notice in arm.notices]
+    assert places == sorted(places)
+
+
+def test_read_urdf_reads_a_file(tmp_path, arm):
+    path = tmp_path / "arm.urdf"
+    path.write_text("\ufeff" + ARM, encoding="utf-8")
+    assert read_urdf(path).joints == arm.joints
+
+
+def build(joints, links=("a", "b", "c", "d"), extra=""):
+    """Return a URDF from joint elements; link names are single letters."""
+    elements = "".join(f'<link name="{name}"/>' for name in links)
+    return f'<robot name="r">{elements}{joints}{extra}</robot>'
+
+
+def joint(name, parent, child, inner="", type_="continuous", *, origin="", axis="0 0 1"):
+    where = f"<origin {origin}/>" if origin else ""
+    direction = f'<axis xyz="{axis}"/>' if axis else ""
+    return (
+        f'<joint name="{name}" type="{type_}"><parent link="{parent}"/><child link="{child}"/>'
+        f"{where}{direction}{inner}</joint>\n"
+    )
+
+
+def test_the_axis_is_x_where_none_is_given():
+    robot = parse_urdf(build(joint("j", "a", "b", axis=""), "ab"))
+    assert [str(row[2]) for row in robot.joints[0].placement.rotation] == ["1", "0", "0"]
+    assert "'j'" in find_text(robot, "robot.default-axis")
+
+
+@pytest.mark.parametrize(
+    ("axis", "expected"),
+    [
+        ("0 0 -2", ["0", "0", "-1"]),
+        ("1 1 0", ["1/2*sqrt(2)", "1/2*sqrt(2)", "0"]),
+        ("0.6 0 0.8", ["3/5", "0", "4/5"]),
+        ("1 1 1", ["1/3*sqrt(3)", "1/3*sqrt(3)", "1/3*sqrt(3)"]),
+        ("0 1 6.12e-17", ["0", "1", "0"]),
+        ("0.28 0.96 0", ["7/25", "24/25", "0"]),
+    ],
+)
+def test_axes_are_exact(axis, expected):
+    robot = parse_urdf(build(joint("j", "a", "b", axis=axis), "ab"))
+    assert [str(row[2]) for row in robot.joints[0].placement.rotation] == expected
+
+
+def test_an_axis_is_made_a_unit_vector_and_snapped_with_a_warning():
+    robot = parse_urdf(build(joint("j", "a", "b", axis="0 2 1e-6"), "ab"))
+    assert "its length is 2" in find_text(robot, "robot.axis-length")
+    assert "5.00e-07 rad" in find_text(robot, "robot.axis-snapped")
+
+
+def test_rotations_are_snapped_with_a_remark_and_not_with_snap_zero():
+    text = build(joint("j", "a", "b", origin='rpy="1.5708 0 0" xyz="0 1e-12 0.5"'), "ab")
+    robot = parse_urdf(text)
+    assert [str(row[2]) for row in robot.joints[0].placement.rotation] == ["0", "-1", "0"]
+    assert "'j' (3.7e-06)" in find_text(robot, "robot.angle-snapped")
+    assert "'j'" in find_text(robot, "robot.length-snapped")
+    free = parse_urdf(text, snap=0)
+    assert free.joints[0].placement.rotation[1][2].to_float() == pytest.approx(-np.sin(1.5708), abs=1e-15)
+    assert free.joints[0].placement.rotation[2][2]
+    assert "robot.angle-snapped" not in list_codes(free)
+
+
+def test_rotations_in_several_steps_are_snapped_as_a_whole():
+    steps = joint("s", "a", "b", type_="fixed", origin='rpy="0.7854 0 0"')
+    robot = parse_urdf(build(steps + joint("j", "b", "c", origin='rpy="0.7854 0 0"'), "abc"))
+    assert [str(row[2]) for row in robot.joints[0].placement.rotation] == ["0", "-1", "0"]
+    assert "right angles or parallels" in find_text(robot, "robot.angle-snapped")
+
+
+def test_large_numbers_are_doubted():
+    robot = parse_urdf(build(joint("j", "a", "b", origin='rpy="90 0 0" xyz="0 0 300"'), "ab"))
+    assert "14.3 turns" in find_text(robot, "robot.large-angle")
+    assert "300 m" in find_text(robot, "robot.long-length")
+
+
+def test_followers_are_led_back_to_their_master():
+    joints = (
+        joint("third", "c", "d", '<mimic joint="second" multiplier="-2" offset="0.5"/>')
+        + joint("first", "a", "b")
+        + joint("second", "b", "c", '<mimic joint="first" multiplier="0.5" offset="1.5707963267948966"/>')
+    )
+    robot = parse_urdf(build(joints))
+    assert [entry.name for entry in robot.joints] == ["first", "second", "third"]
+    second, third = robot.joints[1:]
+    assert (second.mimic.master, second.mimic.multiplier) == (0, Fraction(1, 2))
+    assert (third.mimic.master, third.mimic.multiplier) == (0, Fraction(-1))
+    # With q1 = 0: q2 = pi/2, q3 = -2 pi/2 + 0.5, both about z.
+    pose = compose_placements(robot.joints[0].placement, second.placement)
+    pose = compose_placements(compose_placements(pose, third.placement), third.frame)
+    angle = np.arctan2(pose.rotation[1][0].to_float(), pose.rotation[0][0].to_float())
+    assert angle == pytest.approx(np.pi / 2 - np.pi + 0.5)
+
+
+def test_the_offset_of_a_sliding_follower_is_a_shift():
+    inner = '<mimic joint="first" offset="0.125"/>'
+    joints = joint("first", "a", "b", type_="prismatic") + joint("second", "a", "c", inner, "prismatic")
+    robot = parse_urdf(build(joints, "abc"))
+    # Shifting a sliding link's frame along its axis is free; where the file's frame is shows the offset.
+    total = robot.joints[1].placement.translation[2] + robot.joints[1].frame.translation[2]
+    assert total == Exact.of("0.125")
+
+
+@pytest.mark.parametrize(
+    "inner", ['<mimic joint="first" multiplier="0" offset="0.5"/>', '<mimic joint="still" offset="0.5"/>']
+)
+def test_followers_of_what_stands_still_stand_still(inner):
+    joints = (
+        joint("first", "a", "b") + joint("still", "b", "c", type_="fixed") + joint("last", "c", "d", inner)
+    )
+    robot = parse_urdf(build(joints))
+    assert [entry.name for entry in robot.joints] == ["first"]
+    assert "'last'" in find_text(robot, "robot.follower-still")
+
+
+def test_links_without_inertial_are_massless_or_unknown():
+    robot = parse_urdf(build(joint("j", "a", "b"), "ab"))
+    assert robot.joints[0].inertial is None
+    inertial = "<inertial><mass value='1'/><inertia ixx='1' iyy='1' izz='1'/></inertial>"
+    text = build(joint("j", "a", "b") + joint("k", "b", "c"), "ab", f"<link name='c'>{inertial}</link>")
+    robot = parse_urdf(text)
+    assert robot.joints[0].inertial == (0.0,) * 10
+    assert "'b'" in find_text(robot, "robot.massless")
+    assert "ixy, ixz, iyz missing" in find_text(robot, "robot.incomplete-inertia")
+
+
+def test_odd_inertia_is_kept_and_said():
+    def link(name, mass, inertia):
+        return f"<link name='{name}'><inertial><mass value='{mass}'/>{inertia}</inertial></link>"
+
+    skew = "<inertia ixx='1' ixy='0' ixz='0' iyy='1' iyz='0' izz='5'/>"
+    links = link("b", 1, skew) + link("c", 0, skew) + link("d", 1, "")
+    text = build(joint("j", "a", "b") + joint("k", "b", "c") + joint("l", "c", "d"), "a", links)
+    robot = parse_urdf(text)
+    assert robot.joints[0].inertial[5] == 5
+    assert "none can exceed the sum" in find_text(robot, "robot.impossible-inertia")
+    assert "'c'" in find_text(robot, "robot.inertia-without-mass")
+    assert "'d'" in find_text(robot, "robot.point-mass")
+
+
+def test_masses_fixed_to_the_base_are_said():
+    link = "<link name='c'><inertial><mass value='7'/><inertia ixx='1' iyy='1' izz='1'/></inertial></link>"
+    text = build(joint("f", "a", "c", type_="fixed") + joint("j", "c", "b"), "ab", link)
+    assert "c; no motion shows" in find_text(parse_urdf(text), "robot.fixed-to-base")
+
+
+TREE = build(
+    joint("left", "a", "b")
+    + joint("right", "a", "c")
+    + joint("rightmost", "c", "d", type_="fixed")
+    + joint("beyond", "c", "e", '<mimic joint="left"/>'),
+    "abcde",
+)
+
+
+def test_a_chain_is_cut_out():
+    robot = parse_urdf(TREE, tip="e")
+    assert [entry.name for entry in robot.joints] == ["right", "beyond"]
+    text = find_text(robot, "robot.cut-off")
+    assert "the links b (0 kg in all)" in text
+    # What the follower followed is gone; d is fixed to a link of the chain and stays.
+    assert "'beyond'" in find_text(robot, "robot.follower-free")
+    assert robot.joints[1].mimic is None
+    assert "d" in find_text(robot, "robot.lumped")
+    assert [entry.name for entry in parse_urdf(TREE, tip="c").joints] == ["right"]
+    assert [entry.name for entry in parse_urdf(TREE, base="c").joints] == ["beyond"]
+
+
+def test_the_frame_of_a_fixed_tip_is_that_of_the_last_link(arm):
+    robot = parse_urdf(ARM, tip="tool")
+    assert [joint.inertial for joint in robot.joints] == [joint.inertial for joint in arm.joints]
+    moved = compose_placements(arm.tip, translate(Exact(), Exact(), Exact.of("0.05")))
+    assert robot.tip == moved
+
+
+def test_gravity_is_turned_into_the_frame_of_the_base():
+    joints = joint("m", "a", "b", type_="fixed", origin='rpy="1.5707963267948966 0 0"') + joint("j", "b", "c")
+    robot = parse_urdf(build(joints, "abc"), base="b")
+    assert [str(value) for value in robot.gravity] == ["0", "-981/100", "0"]
+    assert "the joints before it at 0" in find_text(robot, "robot.assumed-gravity")
+
+
+def test_a_floating_joint_may_stand_before_the_base():
+    joints = joint("free", "a", "b", type_="floating") + joint("j", "b", "c")
+    assert parse_urdf(build(joints, "abc"), base="b").size == 1
+
+
+def test_gear_and_rotor_may_stand_in_attributes():
+    parts = '<drake:gear_ratio value="3"/><drake:rotor_inertia value="0.5"/>'
+    extra = f'<transmission name="t"><joint name="j"/><actuator name="m">{parts}</actuator></transmission>'
+    drive = parse_urdf(build(joint("j", "a", "b"), "ab", extra)).joints[0].drive
+    assert (drive.gear, drive.has_rotor, drive.rotor_inertia) == (3.0, True, 4.5)
+
+
+def test_transmissions_that_are_not_simple_are_listed():
+    parts = '<joint name="j"/><joint name="k"/><actuator name="m"/>'
+    extra = f'<transmission name="t">{parts}</transmission>'
+    extra += '<transmission name="u"><joint name="nobody"/><actuator name="m"/></transmission>'
+    robot = parse_urdf(build(joint("j", "a", "b") + joint("k", "b", "c"), "abc", extra))
+    unused = [str(notice) for notice in robot.notices if notice.code == "robot.urdf-unused"]
+    assert any("not one actuator on one joint" in text for text in unused)
+    assert any("not in the file" in text for text in unused)
+
+
+@pytest.mark.parametrize(("given", "name"), [("7dof", "robot_7dof"), ("Ärm-1", "rm_1"), ("", "some")])
+def test_names_become_identifiers(given, name):
+    text = build(joint("j", "a", "b"), "ab").replace('name="r"', f'name="{given}"')
+    assert parse_urdf(text, "some.urdf").name == name
+
+
+def test_joint_limits_that_make_no_range_are_not_used():
+    inner = '<limit lower="2" upper="1" effort="1" velocity="1"/>'
+    robot = parse_urdf(build(joint("j", "a", "b", inner, "revolute"), "ab"))
+    assert robot.joints[0].limits.position is None
+    assert "lower 2 is not less than upper 1" in find_text(robot, "robot.bad-limits")
+
+
+def test_limits_of_a_continuous_joint_are_listed_as_not_used():
+    robot = parse_urdf(
+        build(joint("j", "a", "b", '<limit lower="-3" upper="3" effort="1" velocity="1"/>'), "ab")
+    )
+    assert robot.joints[0].limits.position is None
+    assert "lower and upper in <limit> of a continuous joint" in find_text(robot, "robot.urdf-unused")
+
+
+def test_friction_that_drives_is_doubted():
+    robot = parse_urdf(build(joint("j", "a", "b", '<dynamics damping="-1"/>'), "ab"))
+    assert robot.joints[0].friction.values == (-1.0, 0.0)
+    assert "drives the joint" in find_text(robot, "robot.negative-friction")
+
+
+def test_a_log_of_a_urdf_robot_is_filtered_by_itself():
+    assert parse_urdf(build(joint("j", "a", "b"), "ab")).processing == Processing(automatic=True)
+
+
+@pytest.mark.parametrize("ends", ['lower="-inf" upper="0.1"', 'lower="0" upper="Infinity"', 'upper="inf"'])
+def test_a_limit_that_is_infinite_is_none_and_no_zero(ends):
+    robot = parse_urdf(build(joint("j", "a", "b", f"<limit {ends}/>", "prismatic"), "ab"))
+    assert robot.joints[0].limits.position is None
+    text = find_text(robot, "robot.endless-limits")
+    assert "a position limit is infinite, so none is used, of joints 'j'" in text
+    assert text.startswith("robot.urdf:1:1")
+
+
+def test_limits_of_zero_mean_unknown_and_negative_ones_are_said():
+    robot = parse_urdf(build(joint("j", "a", "b", '<limit effort="0" velocity="-2"/>'), "ab"))
+    assert (robot.joints[0].limits.torque, robot.joints[0].limits.velocity) == (None, None)
+    assert "limit velocity negative, taken as unknown" in find_text(robot, "robot.bad-limits")
+
+
+@pytest.mark.parametrize(("type_", "said"), [("revolute", True), ("prismatic", False)])
+def test_limits_in_degrees_are_doubted(type_, said):
+    robot = parse_urdf(build(joint("j", "a", "b", '<limit lower="-170" upper="170"/>', type_), "ab"))
+    assert ("robot.large-angle" in list_codes(robot)) == said
+
+
+def test_text_between_tags_is_listed():
+    robot = parse_urdf(build(joint("j", "a", "b", "speed<limit>5</limit>"), "ab"))
+    unused = [str(notice) for notice in robot.notices if notice.code == "robot.urdf-unused"]
+    assert [text.partition("not used: ")[2] for text in unused] == [
+        'the text "speed" in <joint> (once, line 1)',
+        'the text "5" in <limit> (once, line 1)',
+    ]
+
+
+def test_an_axis_without_numbers_is_x_and_said():
+    text = build(joint("j", "a", "b"), "ab").replace('<axis xyz="0 0 1"/>', "<axis/>")
+    assert "no <axis> with xyz, so it is x" in find_text(parse_urdf(text), "robot.default-axis")
+
+
+def test_a_joint_called_base_gets_another_name():
+    joints = joint("base", "a", "b") + joint("base_joint", "b", "c", '<mimic joint="base"/>')
+    robot = parse_urdf(build(joints, "abc"))
+    assert [entry.name for entry in robot.joints] == ["base_joint_", "base_joint"]
+    assert "joint 'base' is called 'base_joint_' here" in find_text(robot, "robot.renamed")
+    assert parse_robot(write_robot(robot)).joints[0].name == "base_joint_"
+
+
+def test_axes_that_are_nearly_parallel_leave_the_frames_at_the_robot():
+    steps = joint("i", "a", "b") + joint("j", "b", "c", origin='xyz="0.3 0.2 0" rpy="1e-4 0 0"')
+    robot = parse_urdf(build(steps, "abc"))
+    assert all(abs(value.to_float()) < 1 for entry in robot.joints for value in entry.frame.translation)
+    assert "of joints (by rad) 'j' (1.0e-04)" in find_text(robot, "robot.nearly-parallel")
+    straight = parse_urdf(build(steps.replace("1e-4", "0"), "abc"))
+    assert "robot.nearly-parallel" not in list_codes(straight)
+
+
+STANDING = (
+    joint("m", "a", "b")
+    + joint("f", "b", "c", '<mimic joint="m" multiplier="2" offset="1.5707963267948966"/>', axis="1 0 0")
+    + joint("j", "c", "d")
+    + joint("g", "d", "e", '<mimic joint="m" multiplier="3" offset="0.25"/>')
+)
+
+
+def test_followers_before_the_base_stand_at_their_offset():
+    robot = parse_urdf(build(STANDING, "abcde"), base="c")
+    assert [str(value) for value in robot.gravity] == ["0", "-981/100", "0"]
+
+
+def test_followers_of_a_joint_before_the_base_stand_still():
+    robot = parse_urdf(build(STANDING, "abcde"), base="c")
+    assert [entry.name for entry in robot.joints] == ["j"]
+    text = find_text(robot, "robot.follower-still")
+    assert "joints 'g': follow a joint before the base, and stand still at their offset" in text
+    assert robot.freedom == 1
+
+
+def test_two_rotor_inertias_that_agree_are_one():
+    parts = "<motorInertia>2</motorInertia><rotorInertia>2.0</rotorInertia>"
+    extra = f'<transmission name="t"><joint name="j"/><actuator name="m">{parts}</actuator></transmission>'
+    assert parse_urdf(build(joint("j", "a", "b"), "ab", extra)).joints[0].drive.rotor_inertia == 2.0
+
+
+def test_the_description_says_what_was_read():
+    robot = parse_urdf(build(joint("j", "a", "b"), "ab"), "somewhere/arm.urdf", tip="b")
+    assert robot.description == "from the URDF arm.urdf, whose link a is the base, b the tip"

@@ -1,0 +1,188 @@
+"""URDFs that symid writes: read back they are the same robot, for symid and for Pinocchio."""
+
+import dataclasses
+import xml.etree.ElementTree as ET
+from fractions import Fraction
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from symid.dynamics.algebra import FloatAlgebra, build_float_state
+from symid.dynamics.recursion import build_recursion
+from symid.dynamics.regressors import compute_torque_columns
+from symid.notation import INERTIAL
+from symid.robot.canonical_frames import choose_canonical_frames
+from symid.robot.description import (
+    Coupling,
+    Drive,
+    FrictionKind,
+    FrictionValues,
+    Limits,
+    Mimic,
+    Robot,
+    Spring,
+)
+from symid.robot.elasticity import Elasticity, Knee, Stop
+from symid.robot.geometry import Exact
+from symid.robot.toml_reader import read_robot
+from symid.robot.urdf_reader import parse_urdf
+from symid.robot.urdf_writer import write_urdf
+from tests.chains import PANDA, PUMA560, STANFORD, build_joint, build_pinocchio, draw_parameters
+from tests.urdfs import find_torques
+
+SHIPPED = [
+    "panda",
+    "iiwa14",
+    "kr30",
+    "stanford",
+    "tx40",
+    "two_arms",
+    "quadruped",
+    "wam7",
+    "rrp_twisted",
+    "scara",
+]
+
+
+def fill(robot, seed=1):
+    values = draw_parameters(np.random.default_rng(seed), robot.size)
+    joints = [
+        dataclasses.replace(joint, inertial=tuple(entry))
+        for joint, entry in zip(robot.joints, values, strict=True)
+    ]
+    return dataclasses.replace(robot, joints=tuple(joints))
+
+
+@pytest.mark.parametrize("robot", [PUMA560, PANDA, STANFORD], ids=lambda robot: robot.name)
+def test_a_robot_in_the_modified_form_comes_back(robot):
+    robot = fill(robot)
+    back = parse_urdf(write_urdf(robot))
+    assert back.name == robot.name
+    assert [joint.placement for joint in back.joints] == [joint.placement for joint in robot.joints]
+    for old, new in zip(robot.joints, back.joints, strict=True):
+        assert (new.name, new.kind, new.parent) == (old.name, old.kind, old.parent)
+        np.testing.assert_allclose(new.inertial, old.inertial, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_robots_come_back(name, robots_folder):
+    robot = fill(read_robot(robots_folder / f"{name}.toml"))
+    back = parse_urdf(write_urdf(robot))
+    same = choose_canonical_frames(robot.joints, dict(robot.symbols)).joints
+    for old, new in zip(same, back.joints, strict=True):
+        for mine, other in zip(old.placement.rotation, new.placement.rotation, strict=True):
+            np.testing.assert_allclose(
+                [entry.to_float() for entry in other], [entry.to_float() for entry in mine], atol=1e-12
+            )
+        np.testing.assert_allclose(new.inertial, old.inertial, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["panda", "stanford", "two_arms"])
+def test_pinocchio_reads_the_same_dynamics(name, robots_folder):
+    robot = fill(read_robot(robots_folder / f"{name}.toml"))
+    ours = build_pinocchio(robot, np.array([joint.inertial for joint in robot.joints]))
+    theirs = pin.buildModelFromXML(write_urdf(robot))
+    theirs.gravity = ours.gravity
+    state = np.random.default_rng(4).uniform(-2, 2, (3, robot.size))
+    expected = pin.rnea(ours, ours.createData(), *state)
+    np.testing.assert_allclose(find_torques(theirs, robot, state), expected, rtol=1e-11, atol=1e-11)
+
+
+@pytest.mark.parametrize("name", ["panda", "rrp_twisted"])
+def test_symid_has_the_torques_that_pinocchio_finds_in_the_text(name, robots_folder):
+    robot = fill(read_robot(robots_folder / f"{name}.toml"))
+    back = parse_urdf(write_urdf(robot))
+    state = np.random.default_rng(8).uniform(-2, 2, (3, robot.size))
+    keys = [(link, entry) for link in range(back.size) for entry in INERTIAL]
+    recursion = build_recursion(back, FloatAlgebra({}), build_float_state(*state))
+    columns = compute_torque_columns(recursion, keys)
+    values = np.concatenate([joint.inertial for joint in back.joints])
+    ours = np.array([[float(entry) for entry in columns[key]] for key in keys]).T @ values
+    theirs = find_torques(pin.buildModelFromXML(write_urdf(robot)), back, state)
+    np.testing.assert_allclose(ours, theirs, rtol=1e-11, atol=1e-11)
+
+
+@pytest.fixture
+def full():
+    """Return a robot with all that a URDF has words for, and what it has none for."""
+    joints = [build_joint(index, (np.pi / 2, 0.1, 0.2, "q")) for index in range(3)]
+    joints[0] = dataclasses.replace(
+        joints[0],
+        name='a "b" <c>',
+        drive=Drive(gear=-30.0, has_rotor=True, rotor_inertia=0.9),
+        friction=FrictionValues(kind=FrictionKind.VISCOUS_COULOMB, values=(0.1, 0.7)),
+        limits=Limits(position=(-1.0, 2.5), velocity=3.0, torque=8.0),
+    )
+    joints[1] = dataclasses.replace(
+        joints[1],
+        friction=FrictionValues(kind=FrictionKind.ASYMMETRIC, values=(1.0, 2.0, 3.0, 4.0), smoothing=0.01),
+        spring=Spring(stiffness=5.0, rest=0.5),
+        elasticity=Elasticity(
+            stiffness=900.0,
+            damping=1.5,
+            stops=(Stop(threshold=0.25, stiffness=30.0),),
+            knees=(Knee(threshold=3.0, slope=0.5),),
+        ),
+    )
+    joints[2] = dataclasses.replace(joints[2], mimic=Mimic(master=0, multiplier=Fraction(-3, 2)))
+    coupling = Coupling(name="wrist--drive", terms=((0, Fraction(1)), (1, Fraction(2))))
+    return Robot(
+        name="full",
+        joints=tuple(joints),
+        couplings=(coupling,),
+        gravity=(Exact.of("9.81"), Exact(), Exact()),
+    )
+
+
+def test_limits_friction_drives_and_followers_come_back(full):
+    back = parse_urdf(write_urdf(full))
+    first, second, third = back.joints
+    assert (first.name, first.limits) == (full.joints[0].name, full.joints[0].limits)
+    assert first.friction == full.joints[0].friction
+    assert (first.drive.gear, first.drive.has_rotor) == (-30.0, True)
+    assert first.drive.rotor_inertia == pytest.approx(0.9)
+    assert second.limits == Limits()
+    assert third.mimic == full.joints[2].mimic
+    assert all(joint.inertial is None for joint in back.joints)
+
+
+def test_what_a_urdf_has_no_words_for_stands_in_comments(full):
+    text = write_urdf(full)
+    ET.fromstring(text)  # noqa: S314  our own text
+    for words in (
+        "gravity of the model: 9.81 0.0 0.0 m/s^2",
+        "friction model asymmetric, values 1.0 2.0 3.0 4.0",
+        "a spring, 5.0 at rest at 0.5",
+        "elastic, 900.0, damping 1.5, stop of 30.0 to 0.25, knee of 0.5 at 3.0",
+        "dry friction changes its sign over 0.01",
+        'wrist- -drive: 1 a "b" &lt;c&gt;, 2 joint2',
+    ):
+        assert words in text
+
+
+def test_symbols_are_written_as_their_values():
+    robot = Robot(name="s", joints=(build_joint(0, (0.0, "L1", 0, "q")),), symbols=(("L1", 0.375),))
+    text = write_urdf(robot)
+    assert "L1 = 0.375 m" in text
+    assert 'xyz="0.375 0.0 0.0"' in text
+
+
+def test_values_can_be_given():
+    values = draw_parameters(np.random.default_rng(6), PANDA.size)
+    back = parse_urdf(write_urdf(PANDA, values))
+    np.testing.assert_allclose([joint.inertial for joint in back.joints], values, atol=1e-12)
+
+
+def test_a_massless_link_is_written():
+    joint = dataclasses.replace(build_joint(0, (0.0, 0, 0, "q")), inertial=(0.0,) * 5 + (2.0,) + (0.0,) * 4)
+    back = parse_urdf(write_urdf(Robot(name="m", joints=(joint,))))
+    assert back.joints[0].inertial == joint.inertial
+
+
+def test_limits_that_are_unknown_come_back_without_a_word(robots_folder):
+    panda = read_robot(robots_folder / "panda.toml")
+    unlimited = [dataclasses.replace(joint, limits=Limits()) for joint in panda.joints]
+    robot = parse_urdf(write_urdf(dataclasses.replace(panda, joints=tuple(unlimited))))
+    assert {joint.limits for joint in robot.joints} == {Limits()}
+    assert [notice.code for notice in robot.notices] == ["robot.assumed-gravity"]
