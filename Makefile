@@ -49,7 +49,7 @@ lint: $(VENV)/dev
 
 # The tests come last, so that pytest's closing line is the last one.
 test: lint
-	$(PYTEST) --numprocesses $(WORKERS)
+	$(PYTEST) --numprocesses $(WORKERS) --dist loadfile
 
 # Every URDF of a package of seventy; prints a table.
 test-slow: $(VENV)/dev

@@ -18,25 +18,22 @@ from pathlib import Path
 
 import numpy as np
 
-from symid.identification.friction.law_comparison import (
+from symid.identification.friction.estimators import fit_friction
+from symid.identification.friction.output_error import (
+    AxisModel,
+    AxisRun,
     AxisTrial,
+    OutputErrorFit,
     SearchPlan,
     build_axis_run,
     build_axis_samples,
     choose_axis_trial,
-    compare_laws,
-    compute_axis_states,
+    compute_window_rmse,
     fit_whole_run,
     try_axis_model,
 )
-from symid.identification.friction.output_error import (
-    AxisModel,
-    AxisRun,
-    OutputErrorFit,
-    Window,
-    compute_window_rmse,
-)
-from symid.identification.friction.selection import CANDIDATE_LAWS, select_law
+from symid.identification.friction.samples import FrictionSamples
+from symid.identification.friction.selection import CANDIDATE_LAWS, compute_relative_residual, select_law
 from symid.joint_models.friction_catalogue import get_law
 from symid.logs.reader import read_recording
 from symid.logs.recording import Recording
@@ -70,7 +67,7 @@ MODELS = tuple(
         ("asymmetric", ("drift", "slope", "bend")),
     )
 )
-PLAN = SearchPlan(lengths=(1.5, 3.1, 6.2), shape=(0.03,), restarts=2)
+PLAN = SearchPlan(cutoff=100.0, lengths=(1.5, 3.1, 6.2), shape=(0.03,), restarts=2)
 PUBLISHED = np.array([95.1089, 203.5034, 20.3935, -3.1648])
 
 
@@ -94,11 +91,17 @@ def print_ladder(robot: Robot, data: Recording, pulses: Recording) -> None:
     """Print the laws whose numbers are known."""
     fitted, unseen = (build_axis_samples(entry, robot.processing) for entry in (data, pulses))
     print(f"{'law':32}{'values':>7}{'DATA %':>9}{'PULSES %':>10}   known")
-    for row in compare_laws(fitted, [unseen], tuple(KNOWN)):
-        print(
-            f"{row.law:32}{row.unknowns:7}{row.fitted_percent:9.4f}{row.unseen_percent[0]:10.4f}"
-            f"   {KNOWN[row.law]}"
-        )
+    for law, known in KNOWN.items():
+        print(f"{write_row(fitted, unseen, law)}   {known}")
+
+
+def write_row(fitted: FrictionSamples, unseen: FrictionSamples, name: str) -> str:
+    """Return what a law that is fitted to one recording leaves of it and of the other."""
+    law = get_law(name)
+    estimate = fit_friction(fitted, law)
+    unknowns = len(estimate.linear) + len(estimate.shape) + len(estimate.other)
+    percents = [compute_relative_residual(samples, law, estimate) for samples in (fitted, unseen)]
+    return f"{name:32}{unknowns:7}{percents[0]:9.4f}{percents[1]:10.4f}"
 
 
 def print_choice(robot: Robot, data: Recording, pulses: Recording) -> None:
@@ -116,25 +119,23 @@ def print_choice(robot: Robot, data: Recording, pulses: Recording) -> None:
         chosen.append((held, selection.chosen, terms))
     held, law, terms = min(chosen)
     fitted, unseen = (build_axis_samples(entry, robot.processing, terms=terms) for entry in (data, pulses))
-    (row,) = compare_laws(fitted, [unseen], (law,))
     print(f"\nchosen: {law} with {', '.join(terms) or 'nothing'} beside it, {held:.4f} % held back")
-    print(f"{row.law:32}{row.unknowns:7}{row.fitted_percent:9.4f}{row.unseen_percent[0]:10.4f}")
+    print(write_row(fitted, unseen, law))
 
 
-def print_simulation(robot: Robot, data: Recording, pulses: Recording) -> None:
+def print_simulation(_robot: Robot, data: Recording, pulses: Recording) -> None:
     """Print how each model foretells blocks held back, and the simulations of PULSES."""
     run, unseen = build_axis_run(data), build_axis_run(pulses)
-    states = compute_axis_states(run, robot.processing.filter_cutoff or 100.0)
     print(f"\n{'model':40}{'values':>7}   held back, mm: all, each block")
     trials = []
     for model in MODELS:
-        trials.append(try_axis_model(model, run, states, PLAN, generator=np.random.default_rng(0)))
+        trials.append(try_axis_model(model, run, PLAN, generator=np.random.default_rng(0)))
         blocks = "  ".join(f"{1e3 * value:.2f}" for value in trials[-1].held)
         print(f"{model.name:40}{trials[-1].unknowns:7}   {1e3 * trials[-1].rmse:6.3f}   {blocks}", flush=True)
     chosen = choose_axis_trial(trials)
     print(f"chosen: {chosen.model.name}")
     fits = [
-        fit_whole_run(model, run, states, PLAN, generator=np.random.default_rng(0))
+        fit_whole_run(model, run, PLAN, generator=np.random.default_rng(0))
         for model in dict.fromkeys((FOUR, chosen.model))
     ]
     print_fits(fits, chosen, unseen)
@@ -142,12 +143,11 @@ def print_simulation(robot: Robot, data: Recording, pulses: Recording) -> None:
 
 def print_fits(fits: list[OutputErrorFit], chosen: AxisTrial, unseen: AxisRun) -> None:
     """Print what fits to DATA_EMPS leave of PULSES."""
-    whole = [Window(first=0, last=len(unseen.force))]
     print(f"\n{'root mean square error of the position, mm':60}{'DATA':>8}{'PULSES':>8}   known")
-    published = 1e3 * compute_window_rmse(FOUR, PUBLISHED, unseen, whole)
+    published = 1e3 * compute_window_rmse(FOUR, PUBLISHED, unseen)
     print(f"{'published values of four parameters':60}{'':8}{published:8.2f}   8.82")
     for model, fit, known in zip((FOUR, chosen.model), fits, ("4.35", "2.64 (network)"), strict=False):
-        error = 1e3 * compute_window_rmse(model, np.array(fit.values), unseen, whole)
+        error = 1e3 * compute_window_rmse(model, np.array(fit.values), unseen)
         print(f"{model.name:60}{1e3 * fit.rmse:8.3f}{error:8.2f}   {known}")
         values = ", ".join(f"{name} {value:.4f}" for name, value in zip(fit.names, fit.values, strict=True))
         print(f"    {values}; {fit.evaluations} simulations")

@@ -9,7 +9,7 @@ of five; then the same for SAMPLES (10 million by default) that come block by bl
 import resource
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +18,13 @@ from symid.codegen.cache import prepare_library
 from symid.codegen.library import Library
 from symid.excitation.trajectories import FourierOptions, build_random_fourier
 from symid.identification.estimators.least_squares import fit_condensed
-from symid.identification.regression.identifiability import analyse_condensed
-from symid.identification.regression.long_logs import condense_signals
+from symid.identification.regression.equations import evaluate_columns
+from symid.identification.regression.identifiability import (
+    BLOCK,
+    Condensed,
+    analyse_condensed,
+    extend_triangle,
+)
 from symid.logs.recording import Signals
 from symid.robot.description import Robot
 from symid.robot.toml_reader import read_robot
@@ -46,6 +51,22 @@ def make_signals(robot: Robot, library: Library, seed: int) -> Signals:
 def find_peak() -> float:
     """Return the most memory this process had so far, in MB."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+
+
+def condense_signals(library: Library, pieces: Iterable[Signals]) -> Condensed:
+    """Return the torque equations of signals, condensed block by block; each is forgotten before the next."""
+    card = library.card
+    columns = len(card.beta) + len(card.friction) + 1
+    factors, count = np.zeros((card.size, columns, columns)), 0
+    for signals in pieces:
+        for start in range(0, len(signals.time), BLOCK):
+            part = slice(start, start + BLOCK)
+            rows = evaluate_columns(library, signals.q[part], signals.dq[part], signals.ddq[part])
+            table = np.concatenate([rows, signals.tau[part][:, :, None]], axis=2)
+            for joint in range(card.size):
+                factors[joint] = extend_triangle(factors[joint], [table[:, joint]])
+        count += len(signals.time)
+    return Condensed(factors=factors, counts=np.full(card.size, count, dtype=np.intp))
 
 
 def time_stack(library: Library, signals: Signals) -> None:

@@ -1,5 +1,9 @@
 """Names for arrays, and how products keep them: float64, row-major, read-only copies."""
 
+from dataclasses import fields
+from functools import cache
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -7,7 +11,35 @@ FloatArray = NDArray[np.float64]
 
 
 def freeze(values: object) -> FloatArray:
-    """Return a read-only float64 copy of `values`, row-major."""
+    """Return a read-only float64 copy of `values`, row-major; an array that is one already is returned."""
+    if type(values) is np.ndarray and values.dtype == np.float64:
+        flags = values.flags
+        if flags.owndata and flags.c_contiguous and not flags.writeable:
+            return values
     array = np.array(values, dtype=np.float64, order="C")
     array.setflags(write=False)
     return array
+
+
+class FrozenArrays:
+    """Base of dataclasses: their fields of the type FloatArray are kept as read-only copies."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        """Copy the arrays and make them read-only."""
+        freeze_fields(self)
+
+
+def freeze_fields(record: object) -> None:
+    """Replace the arrays of a dataclass, its fields of the type FloatArray, by read-only copies."""
+    kind: Any = type(record)
+    for name in _list_array_fields(kind):
+        value = getattr(record, name)
+        if value is not None:
+            object.__setattr__(record, name, freeze(value))
+
+
+@cache
+def _list_array_fields(kind: Any) -> tuple[str, ...]:  # noqa: ANN401  (a dataclass)
+    return tuple(field.name for field in fields(kind) if field.type in (FloatArray, FloatArray | None))

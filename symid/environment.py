@@ -1,4 +1,4 @@
-"""One thread for linear algebra, the folders that come with symid, and paths as people type them.
+"""One thread for linear algebra, the folders that come with symid, paths as people type them, files written.
 
 Threads: a sum that threads share gives other digits on another number of cores, so the command line asks
 OpenBLAS, MKL, BLIS, Accelerate and OpenMP for one thread. They read the environment once, when they are
@@ -11,8 +11,10 @@ Not supported: linear algebra that is loaded already; a package imported from in
 """
 
 import os
-from collections.abc import Iterable
+import tempfile
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import IO
 
 from symid.errors import Notice, OutputError, SymidError
 
@@ -41,6 +43,53 @@ def check_suffix(path: Path, what: str, known: Iterable[str]) -> str:
         text = f"{what} is written as {' or '.join(known)}, got {path.suffix or 'no suffix'}"
         raise OutputError(Notice(code="output.unknown-suffix", text=text, file=str(path)))
     return suffix
+
+
+def write_file(
+    path: Path, content: str | Callable[[IO[bytes]], None], *, what: str = "", with_folder: bool = False
+) -> Path:
+    """Write a file whole or not at all, in place of an older one; return its path.
+
+    Args:
+        path: of the file.
+        content: its text, written in UTF-8, or what writes its bytes.
+        what: is written, for the message, such as "the log".
+        with_folder: whether folders that do not exist are made.
+
+    Raises:
+        OutputError: the folder does not exist or must not be written.
+    """
+    temporary = ""
+    try:
+        if with_folder:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        with os.fdopen(handle, "wb") as stream:
+            if callable(content):
+                content(stream)
+            else:
+                stream.write(content.encode())
+        # Temporary files are private; the result is as readable as any other file. The rights that this
+        # process withholds can only be read by setting them.
+        mask = os.umask(0o077)
+        os.umask(mask)
+        Path(temporary).chmod(0o666 & ~mask)
+        Path(temporary).replace(path)
+    except OSError as error:
+        if what:
+            notice = Notice(
+                code="output.unwritable",
+                text=f"{what} cannot be written: {error.strerror or error}",
+                file=str(path),
+            )
+        else:
+            reason = f"cannot be written: {error.strerror}; name a file in a folder that exists and is yours"
+            notice = Notice(code="output.write", text=reason, file=str(path))
+        raise OutputError(notice) from error
+    finally:
+        if temporary:
+            Path(temporary).unlink(missing_ok=True)
+    return path
 
 
 _PACKAGE = Path(__file__).resolve().parent

@@ -1,108 +1,324 @@
-"""Ipopt through CasADi: functions of NumPy as it calls them, and its return statuses in words.
+"""Ipopt through CasADi: smooth problems with bounds and constraints, and how a search ended, in words.
 
-Value, gradient, Hessian of the unknowns -> what `casadi.nlpsol` takes for f, "grad_f" and "hess_lag".
-Ipopt's return status -> the name of an outcome and a reason; no status counts as success by default.
+    SmoothProblem, start -> minimise -> IpoptRun
 
-Supported: problems whose only constraints are bounds; the statuses of Ipopt 3.14.
-Not supported: parameters of the problem; other solvers. An unknown status is a failure that names it.
+CasADi is loaded on first use. Of the linear solvers only MUMPS runs: the wheel of CasADi carries no other one
+that works; others end at once or crash.
+
+Supported: exact Hessians where bounds are the only constraints; else, and without a Hessian, Ipopt's own
+limited-memory approximation. The return statuses of Ipopt 3.14; an unknown one is a failure that names it.
+Not supported: parameters of the problem; second derivatives of constraints; other solvers.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from enum import Enum
+from functools import cache
+from typing import Any, TypeVar
 
 import numpy as np
 
 from symid.arrays import FloatArray
-from symid.callbacks import build_callback
+
+LINEAR_SOLVER = "mumps"
 
 
-class IpoptFunctions(NamedTuple):
-    """Functions of CasADi; they must live as long as the solver that calls them."""
+class Ending(Enum):
+    """How a search ended, by Ipopt or another method; the value is the explanation, files hold the name."""
 
-    value: Any
-    gradient: Any
-    hessian: Any
+    SOLVED = "solved in one pass, without iterations"
+    CONVERGED = "all tolerances are met"
+    ACCEPTABLE = "only the looser tolerances are met"
+    STAGNATED = "the search ended because it made no more progress"
+    STALLED = "no step made progress before the tolerances were met"
+    LIMIT = "a limit of iterations, generations or evaluations was reached"
+    INFEASIBLE = "the constraints contradict each other"
+    DIVERGED = "the unknowns grew without bound"
+    FAILED = "the search broke down"
+    SOME_REFUSED = "the fit is complete, but some parameters cannot be learnt from these samples"
 
-
-def build_ipopt_functions(
-    size: int,
-    value: Callable[[FloatArray], float],
-    gradient: Callable[[FloatArray], FloatArray],
-    hessian: Callable[[FloatArray], FloatArray],
-) -> IpoptFunctions:
-    """Return the functions of CasADi.
-
-    Args:
-        size: number n of unknowns.
-        value: f of unknowns (n,).
-        gradient: (n,).
-        hessian: (n, n), symmetric.
-    """
-    import casadi
-
-    dense = casadi.Sparsity.dense
-    upper = casadi.Sparsity.upper(size)
-    inner = np.triu_indices(size)
-    # CasADi stores columns one after the other.
-    order = np.lexsort((inner[0], inner[1]))
-    rows, columns = inner[0][order], inner[1][order]
-
-    def read(unknowns: object) -> FloatArray:
-        return np.array(unknowns, dtype=np.float64).ravel()
-
-    def find_value(arguments: Sequence[Any]) -> list[Any]:
-        return [value(read(arguments[0]))]
-
-    def find_slope(arguments: Sequence[Any]) -> list[Any]:
-        x = read(arguments[0])
-        return [value(x), casadi.DM(gradient(x))]
-
-    def find_bend(arguments: Sequence[Any]) -> list[Any]:
-        full = float(arguments[2]) * hessian(read(arguments[0]))
-        return [casadi.DM(upper, full[rows, columns])]
-
-    unknowns, scalar, none = dense(size, 1), dense(1, 1), dense(0, 0)
-    return IpoptFunctions(
-        value=build_callback("value", (("x", unknowns),), (("f", scalar),), find_value),
-        gradient=build_callback(
-            "gradient", (("x", unknowns), ("p", none)), (("f", scalar), ("grad_f_x", unknowns)), find_slope
-        ),
-        hessian=build_callback(
-            "hessian",
-            (("x", unknowns), ("p", none), ("lam_f", scalar), ("lam_g", none)),
-            (("triu_hess_gamma_x_x", upper),),
-            find_bend,
-        ),
-    )
+    @property
+    def usable(self) -> bool:
+        """Return whether the numbers may be used."""
+        return self not in {Ending.INFEASIBLE, Ending.DIVERGED, Ending.FAILED}
 
 
-IPOPT_STATUSES: dict[str, tuple[str, str]] = {
-    "Solve_Succeeded": ("CONVERGED", "all tolerances are met"),
-    "Solved_To_Acceptable_Level": ("ACCEPTABLE", "only the looser tolerances are met"),
-    "Feasible_Point_Found": ("FAILED", "a feasible point was found, not an optimum"),
-    "Infeasible_Problem_Detected": ("INFEASIBLE", "the constraints contradict each other"),
-    "Search_Direction_Becomes_Too_Small": ("STALLED", "steps became too small to matter"),
-    "Diverging_Iterates": ("DIVERGED", "the unknowns grew without bound"),
-    "User_Requested_Stop": ("STALLED", "the run was stopped from outside"),
-    "Maximum_Iterations_Exceeded": ("LIMIT", "the limit of iterations was reached"),
-    "Maximum_CpuTime_Exceeded": ("LIMIT", "the limit of processor time was reached"),
-    "Maximum_WallTime_Exceeded": ("LIMIT", "the limit of time was reached"),
-    "Restoration_Failed": ("STALLED", "no step towards feasible points made progress"),
-    "Error_In_Step_Computation": ("FAILED", "no step could be computed: the equations are singular"),
-    "Not_Enough_Degrees_Of_Freedom": ("FAILED", "there are fewer unknowns than equality constraints"),
-    "Invalid_Problem_Definition": ("FAILED", "the problem is not well formed"),
-    "Invalid_Option": ("FAILED", "an option or the linear solver is not available"),
-    "Invalid_Number_Detected": ("FAILED", "a function gave no finite number"),
-    "Unrecoverable_Exception": ("FAILED", "the solver met an error that it cannot recover from"),
-    "NonIpopt_Exception_Thrown": ("FAILED", "an error came from outside the solver"),
-    "Insufficient_Memory": ("FAILED", "there is not enough memory"),
-    "Internal_Error": ("FAILED", "the solver broke down inside"),
+IPOPT_STATUSES: dict[str, tuple[Ending, str]] = {
+    "Solve_Succeeded": (Ending.CONVERGED, "all tolerances are met"),
+    "Solved_To_Acceptable_Level": (Ending.ACCEPTABLE, "only the looser tolerances are met"),
+    "Feasible_Point_Found": (Ending.FAILED, "a feasible point was found, not an optimum"),
+    "Infeasible_Problem_Detected": (Ending.INFEASIBLE, "the constraints contradict each other"),
+    "Search_Direction_Becomes_Too_Small": (Ending.STALLED, "steps became too small to matter"),
+    "Diverging_Iterates": (Ending.DIVERGED, "the unknowns grew without bound"),
+    "User_Requested_Stop": (Ending.STALLED, "the run was stopped from outside"),
+    "Maximum_Iterations_Exceeded": (Ending.LIMIT, "the limit of iterations was reached"),
+    "Maximum_CpuTime_Exceeded": (Ending.LIMIT, "the limit of processor time was reached"),
+    "Maximum_WallTime_Exceeded": (Ending.LIMIT, "the limit of time was reached"),
+    "Restoration_Failed": (Ending.STALLED, "no step towards feasible points made progress"),
+    "Error_In_Step_Computation": (Ending.FAILED, "no step could be computed: the equations are singular"),
+    "Not_Enough_Degrees_Of_Freedom": (
+        Ending.FAILED,
+        "there are fewer unknowns than equality constraints",
+    ),
+    "Invalid_Problem_Definition": (Ending.FAILED, "the problem is not well formed"),
+    "Invalid_Option": (Ending.FAILED, "an option or the linear solver is not available"),
+    "Invalid_Number_Detected": (Ending.FAILED, "a function gave no finite number"),
+    "Unrecoverable_Exception": (Ending.FAILED, "the solver met an error that it cannot recover from"),
+    "NonIpopt_Exception_Thrown": (Ending.FAILED, "an error came from outside the solver"),
+    "Insufficient_Memory": (Ending.FAILED, "there is not enough memory"),
+    "Internal_Error": (Ending.FAILED, "the solver broke down inside"),
 }
 
 
-def describe_ipopt_status(status: str) -> tuple[str, str]:
-    """Return the name of the outcome and the reason, in words, for Ipopt's return status."""
+def describe_ipopt_status(status: str) -> tuple[Ending, str]:
+    """Return the outcome and the reason, in words, for Ipopt's return status."""
     if status not in IPOPT_STATUSES:
-        return "FAILED", f"Ipopt ended with the status {status!r}, which is not known"
+        return Ending.FAILED, f"Ipopt ended with the status {status!r}, which is not known"
     outcome, reason = IPOPT_STATUSES[status]
     return outcome, f"{reason} ({status})"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Constraints:
+    """lower <= g(x) <= upper, with g (m,), its Jacobian (m, n), and where that may differ from zero.
+
+    Bounds (m,) are infinite where there is none.
+    """
+
+    value: Callable[[FloatArray], FloatArray]
+    jacobian: Callable[[FloatArray], FloatArray]
+    pattern: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+    lower: FloatArray
+    upper: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SmoothProblem:
+    """Minimise f(x) over x (n,) between bounds.
+
+    Args:
+        value: f. gradient: df/dx (n,).
+        lower, upper: (n,), infinite where there is none.
+        hessian: d2f/dx2 (n, n), symmetric; without it Ipopt approximates it from the gradients.
+        constraints: beside the bounds; only without `hessian`.
+    """
+
+    value: Callable[[FloatArray], float]
+    gradient: Callable[[FloatArray], FloatArray]
+    lower: FloatArray
+    upper: FloatArray
+    hessian: Callable[[FloatArray], FloatArray] | None = None
+    constraints: Constraints | None = None
+
+    def scale(self, scales: FloatArray) -> "SmoothProblem":
+        """Return the same problem in unknowns z = x / scales (n,)."""
+
+        def stretch(
+            function: Callable[[FloatArray], FloatArray], factors: FloatArray
+        ) -> Callable[[FloatArray], FloatArray]:
+            return lambda z: function(z * scales) * factors
+
+        hessian, constraints = self.hessian, self.constraints
+        if constraints is not None:
+            constraints = replace(
+                constraints,
+                value=stretch(constraints.value, np.ones(1)),
+                jacobian=stretch(constraints.jacobian, scales),
+            )
+        return SmoothProblem(
+            value=lambda z: self.value(z * scales),
+            gradient=stretch(self.gradient, scales),
+            lower=self.lower / scales,
+            upper=self.upper / scales,
+            hessian=None if hessian is None else stretch(hessian, np.outer(scales, scales)),
+            constraints=constraints,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IpoptOptions:
+    """Tolerance of the scaled problem, limit of iterations, first barrier parameter (None: adaptive)."""
+
+    tolerance: float
+    iterations: int
+    barrier: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class IpoptRun:
+    """Where a run ended: x (n,), how, why, Ipopt's own status, iterations."""
+
+    x: FloatArray
+    outcome: Ending
+    reason: str
+    status: str
+    iterations: int
+
+
+T = TypeVar("T")
+
+
+def keep_last(function: Callable[[FloatArray], T]) -> Callable[[FloatArray], T]:
+    """Return `function` of x with its last result kept: Ipopt asks for value and derivatives one by one."""
+    kept: dict[bytes, T] = {}
+
+    def evaluate(x: FloatArray) -> T:
+        key = x.tobytes()
+        if key not in kept:
+            result = function(x)
+            kept.clear()
+            kept[key] = result
+        return kept[key]
+
+    return evaluate
+
+
+def minimise(
+    problem: SmoothProblem, start: FloatArray, options: IpoptOptions, scales: FloatArray | None = None
+) -> IpoptRun:
+    """Return where Ipopt ends; `start` itself, as a failure, where it returns no finite numbers.
+
+    Args:
+        problem: functions and bounds.
+        start: x (n,), moved between the bounds where it is outside.
+        options: tolerance, limit of iterations, barrier.
+        scales: (n,) units of x per scaled unknown.
+    """
+    import casadi
+
+    units = np.ones(len(start)) if scales is None else scales
+    scaled = problem if scales is None else problem.scale(scales)
+    first = np.clip(start, problem.lower, problem.upper)
+    # The functions must live as long as the solver.
+    functions = _build_functions(scaled)
+    unknowns = casadi.MX.sym("x", len(start))
+    expressions = {"x": unknowns, "f": functions["f"](unknowns)}
+    bounds = {"lbx": scaled.lower, "ubx": scaled.upper}
+    if scaled.constraints is not None:
+        expressions["g"] = functions["g"](unknowns)
+        bounds |= {"lbg": scaled.constraints.lower, "ubg": scaled.constraints.upper}
+    settings = {
+        **{name: function for name, function in functions.items() if name not in expressions},
+        "no_nlp_grad": True,
+        "print_time": False,
+        "error_on_fail": False,
+        "ipopt": _list_settings(options, exact=scaled.hessian is not None),
+    }
+    solver = casadi.nlpsol("problem", "ipopt", expressions, settings)
+    answer = solver(x0=first / units, **bounds)
+    statistics = solver.stats()
+    status = str(statistics["return_status"])
+    outcome, reason = describe_ipopt_status(status)
+    x = np.clip(np.array(answer["x"], dtype=np.float64).ravel() * units, problem.lower, problem.upper)
+    if not np.all(np.isfinite(x)):
+        x, outcome, reason = first, Ending.FAILED, f"{reason}, without finite numbers"
+    return IpoptRun(
+        x=x, outcome=outcome, reason=reason, status=status, iterations=int(statistics["iter_count"])
+    )
+
+
+def _list_settings(options: IpoptOptions, *, exact: bool) -> dict[str, Any]:
+    """Return Ipopt's own options; `exact`: the Hessian is given."""
+    settings = {
+        "print_level": 0,
+        "sb": "yes",
+        "linear_solver": LINEAR_SOLVER,
+        "nlp_scaling_method": "none",
+        "bound_relax_factor": 0.0,
+        "tol": options.tolerance,
+        "max_iter": options.iterations,
+        "mu_strategy": "adaptive",
+    }
+    if not exact:
+        settings["hessian_approximation"] = "limited-memory"
+    if options.barrier is not None:
+        settings |= {"mu_strategy": "monotone", "mu_init": options.barrier}
+    return settings
+
+
+def _build_functions(problem: SmoothProblem) -> dict[str, Any]:
+    """Return f, g and the derivatives that `nlpsol` takes as options."""
+    import casadi
+
+    size, constraints, hessian = len(problem.lower), problem.constraints, problem.hessian
+    build, dense = _load_callback_class(), casadi.Sparsity.dense
+    x, one, none = ("x", dense(size, 1)), dense(1, 1), dense(0, 0)
+
+    def compute_gradient(z: FloatArray) -> list[Any]:
+        return [problem.value(z), casadi.DM(problem.gradient(z))]
+
+    functions = {
+        "f": build("value", (x,), (("f", one),), lambda z: [problem.value(z)]),
+        "grad_f": build("gradient", (x, ("p", none)), (("f", one), ("grad_f_x", x[1])), compute_gradient),
+    }
+    if hessian is not None:
+        upper = casadi.Sparsity.upper(size)
+        # CasADi stores columns one after the other.
+        columns, rows = np.tril_indices(size)
+
+        def compute_hessian(z: FloatArray, factor: float) -> list[Any]:
+            return [casadi.DM(upper, factor * hessian(z)[rows, columns])]
+
+        takes = (x, ("p", none), ("lam_f", one), ("lam_g", none))
+        functions["hess_lag"] = build("hessian", takes, (("triu_hess_gamma_x_x", upper),), compute_hessian)
+    if constraints is not None:
+        columns, rows = np.nonzero(constraints.pattern.T)
+        many = dense(len(constraints.lower), 1)
+        pattern = casadi.Sparsity.triplet(len(constraints.lower), size, rows.tolist(), columns.tolist())
+
+        def compute_jacobian(z: FloatArray) -> list[Any]:
+            entries = constraints.jacobian(z)[rows, columns]
+            return [casadi.DM(constraints.value(z)), casadi.DM(pattern, entries)]
+
+        functions["g"] = build(
+            "constraints", (x,), (("g", many),), lambda z: [casadi.DM(constraints.value(z))]
+        )
+        functions["jac_g"] = build(
+            "jacobian", (x, ("p", none)), (("g", many), ("jac_g_x", pattern)), compute_jacobian
+        )
+    return functions
+
+
+_Slots = tuple[tuple[str, Any], ...]
+"""Name and CasADi sparsity of every argument, or of every result."""
+
+
+@cache
+def _load_callback_class() -> Callable[[str, _Slots, _Slots, Callable[..., list[Any]]], Any]:
+    """Return a class of functions that CasADi calls with x (n,), and the factor of f where there is one."""
+    import casadi
+
+    class NumpyFunction(casadi.Callback):
+        """A function with named arguments and results of known sparsity."""
+
+        def __init__(
+            self, name: str, takes: _Slots, gives: _Slots, evaluate: Callable[..., list[Any]]
+        ) -> None:
+            casadi.Callback.__init__(self)
+            self.takes, self.gives, self.evaluate = takes, gives, evaluate
+            self.construct(name, {})
+
+        def get_n_in(self) -> int:
+            return len(self.takes)
+
+        def get_n_out(self) -> int:
+            return len(self.gives)
+
+        def get_name_in(self, place: int) -> str:
+            return self.takes[place][0]
+
+        def get_name_out(self, place: int) -> str:
+            return self.gives[place][0]
+
+        def get_sparsity_in(self, place: int) -> Any:  # noqa: ANN401  # of casadi
+            return self.takes[place][1]
+
+        def get_sparsity_out(self, place: int) -> Any:  # noqa: ANN401  # the same
+            return self.gives[place][1]
+
+        def eval(self, arguments: Sequence[Any]) -> list[Any]:
+            x = np.array(arguments[0], dtype=np.float64).ravel()
+            factors = [float(arguments[2])] if len(arguments) > len(("x", "p")) else []
+            return self.evaluate(x, *factors)
+
+    return NumpyFunction

@@ -1,21 +1,28 @@
 """Values as bytes and as JSON: equal input, equal text, on any machine.
 
-Canonical bytes and signatures (SHA-256) of None, booleans, integers, floats, fractions, strings, bytes,
-tuples, lists, mappings with string keys, enumerations, frozen dataclasses and NumPy arrays (dtype, shape,
-bytes); digests of files. JSON text of plain types, NumPy numbers and paths: numbers that are not finite
-become null, keys become strings.
-
+Supported: None, booleans, integers, floats, strings, tuples, lists, mappings with string keys, enumerations,
+dataclasses and NumPy arrays; fractions and bytes in signatures, paths in JSON.
 Not supported: sets (they have no order) and any other object (TypeError).
 """
 
 import hashlib
 import json
 import math
+import sys
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from enum import Enum
 from fractions import Fraction
 from pathlib import Path
+from types import NoneType, UnionType
+from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+
+from symid.errors import InputError, Notice, SymidError
+
+Record = TypeVar("Record")
+Finite = Annotated[float, "finite"]
+"""A number that a file must state: null, which stands for infinity elsewhere, is refused."""
+_LARGEST = int(sys.float_info.max)
 
 
 def write_canonical(value: object) -> bytes:
@@ -72,29 +79,141 @@ def compute_file_digest(source: str) -> str:
 
 
 def write_json(value: object) -> str:
-    """Return `value` as JSON text.
+    """Return `value` as JSON text; see `write_plain`.
 
     Raises:
         TypeError: `value` holds an object that JSON has no word for.
     """
-    return json.dumps(_simplify(value), indent=2, allow_nan=False, ensure_ascii=False)
+    return json.dumps(write_plain(value), indent=2, allow_nan=False, ensure_ascii=False)
 
 
-def _simplify(value: object) -> object:
-    """Return `value` in the types that JSON has."""
+def write_plain(value: object) -> object:
+    """Return `value` in the types that JSON has.
+
+    Numbers that are not finite become None, keys and paths text, enumerations their names, dataclasses
+    dictionaries of their fields, arrays lists.
+
+    Raises:
+        TypeError: `value` holds an object that JSON has no word for.
+    """
     match value:
+        case Enum():
+            return value.name
         case float():
-            return value if math.isfinite(value) else None
+            return float(value) if math.isfinite(value) else None
         case None | bool() | int() | str():
             return value
         case Path():
             return str(value)
         case Mapping():
-            return {str(key): _simplify(entry) for key, entry in value.items()}
+            return {str(key): write_plain(entry) for key, entry in value.items()}
         case tuple() | list():
-            return [_simplify(entry) for entry in value]
-    # A number of NumPy, which an option of the Python API may be.
-    if hasattr(value, "tolist") and getattr(value, "shape", None) == ():
-        return _simplify(value.tolist())
+            return [write_plain(entry) for entry in value]
+    if is_dataclass(value):
+        return {field.name: write_plain(getattr(value, field.name)) for field in fields(value)}
+    # An array or a number of NumPy, which an option of the Python API may be.
+    if hasattr(value, "tolist") and hasattr(value, "shape"):
+        return write_plain(value.tolist())
     message = f"no JSON for {type(value).__name__}"
     raise TypeError(message)
+
+
+def read_record(kind: type[Record], value: object, where: str = "") -> Record:
+    """Return the dataclass `kind` whose fields `write_plain` wrote as the dictionary `value`.
+
+    Fields may be text, numbers (null is read as infinite, and refused for `Finite`), booleans, enumerations,
+    dataclasses, tuples, float64 vectors, mappings (as they are), and each of these or None; those with a
+    default may be missing.
+
+    Args:
+        kind: its annotations are read where it was defined.
+        value: as `json.loads` returns it.
+        where: it stands, for messages, such as "joints".
+
+    Raises:
+        InputError: with all that is wrong: the first problem of every field, fields that are missing or
+            unknown, or what the record itself refuses.
+    """
+    table = _expect(value, (dict,), where)
+    hints = get_type_hints(kind, include_extras=True)
+    known = {entry.name: entry for entry in fields(cast("Any", kind))}
+    problems = [
+        _place(where, f"{name} is missing")
+        for name, entry in sorted(known.items())
+        if name not in table and entry.default is MISSING and entry.default_factory is MISSING
+    ]
+    found: dict[str, Any] = {}
+    for name, entry in table.items():
+        if name not in known:
+            problems.append(_place(where, f"{name} is unknown"))
+            continue
+        try:
+            found[name] = _read(hints[name], entry, f"{where}.{name}".lstrip("."))
+        except InputError as error:
+            problems += [notice.text for notice in error.notices]
+    if problems:
+        raise _refuse(*problems)
+    try:
+        return kind(**found)
+    except SymidError as error:
+        raise _refuse(*(_place(where, notice.text) for notice in error.notices)) from error
+
+
+def _read(kind: Any, value: object, where: str) -> object:  # noqa: ANN401  (an annotation)
+    """Return `value`, as JSON has it, as the type `kind`."""
+    arguments, origin = get_args(kind), get_origin(kind) or kind
+    if origin is Annotated:
+        return float(_expect(value, (float, int), where))
+    if origin in {Union, UnionType}:
+        if NoneType in arguments:
+            inner = next(entry for entry in arguments if entry is not NoneType)
+            return None if value is None else _read(inner, value, where)
+        return _expect(value, arguments, where)
+    if is_dataclass(origin):
+        return read_record(kind, value, where)
+    if origin is tuple:
+        entries = _expect(value, (list,), where)
+        kinds = arguments[:1] * len(entries) if arguments[-1] is Ellipsis else arguments
+        if len(entries) != len(kinds):
+            text = f"expected {len(kinds)} entries, got {len(entries)}"
+            raise _refuse(_place(where, text))
+        return tuple(
+            _read(inner, entry, f"{where}[{k}]")
+            for k, (inner, entry) in enumerate(zip(kinds, entries, strict=True))
+        )
+    if origin.__name__ == "ndarray":
+        import numpy as np
+
+        numbers = [_read(float, entry, where) for entry in _expect(value, (list,), where)]
+        return np.array(numbers, dtype=np.float64)
+    if issubclass(origin, Mapping):
+        return _expect(value, (dict,), where)
+    if issubclass(origin, Enum):
+        if not isinstance(value, str) or value not in origin.__members__:
+            text = f"expected one of {', '.join(origin.__members__)}, got {value!r:.60}"
+            raise _refuse(_place(where, text))
+        return origin[value]
+    if origin is float:
+        return math.inf if value is None else float(_expect(value, (float, int), where))
+    return _expect(value, (origin,), where)
+
+
+_WORDS = {str: "text", int: "a whole number", float: "a number", bool: "true or false", dict: "a table"}
+
+
+def _expect(value: Any, kinds: tuple[type, ...], where: str) -> Any:  # noqa: ANN401  (from JSON)
+    usable = isinstance(value, kinds) and (not isinstance(value, bool) or bool in kinds)
+    # A number beyond the range of floats would not become one.
+    if usable and not (float in kinds and isinstance(value, int) and abs(value) > _LARGEST):
+        return value
+    names = [_WORDS.get(kind, "a list") for kind in kinds if kind is not int or float not in kinds]
+    got = "null" if value is None else f"{value!r:.60}"
+    raise _refuse(_place(where, f"expected {' or '.join(names)}, got {got}"))
+
+
+def _refuse(*problems: str) -> InputError:
+    return InputError(*(Notice(code="estimate.format", text=text) for text in problems))
+
+
+def _place(where: str, text: str) -> str:
+    return f"{where}: {text}" if where else text

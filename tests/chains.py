@@ -10,7 +10,7 @@ import pinocchio as pin
 from hypothesis import strategies as st
 from sympy import QQ
 
-from symid.codegen.programs import Op, Program
+from symid.codegen.programs import Op
 from symid.codegen.routes import ROUTES
 from symid.codegen.workspace import build_workspace
 from symid.notation import INERTIAL
@@ -103,6 +103,15 @@ def draw_parameters(rng: np.random.Generator, links: int) -> np.ndarray:
         tensor = sum(m * (p @ p * np.eye(3) - np.outer(p, p)) for m, p in zip(masses, points, strict=True))
         result.append([*tensor[0], *tensor[1, 1:], tensor[2, 2], *first, masses.sum()])
     return np.array(result)
+
+
+def set_inertia(robot: Robot, values: np.ndarray) -> Robot:
+    """Return the robot with parameters (links, 10) in place of its own."""
+    joints = [
+        dataclasses.replace(joint, inertial=tuple(map(float, entry)))
+        for joint, entry in zip(robot.joints, values, strict=True)
+    ]
+    return dataclasses.replace(robot, joints=tuple(joints))
 
 
 def draw_rational_state(robot, seed):
@@ -419,6 +428,5 @@ def build_route_programs(robot, base, spec):
     workspace = build_workspace(robot, base, spec)
     programs = {}
     for name, build in ROUTES[spec.name].items():
-        instructions, outputs = workspace.table.collect(workspace.recall(build))
-        programs[name] = Program(spec=spec, instructions=instructions, outputs=outputs)
+        programs[name] = workspace.table.build_program(spec, workspace.recall(build))
     return programs

@@ -8,7 +8,7 @@ import numpy as np
 from symid.codegen.model_card import build_model_card
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.identification.estimators.estimate import Estimate, Outcome, ParameterEstimate, Residual
-from symid.identification.rigid.storage import write_estimate
+from symid.identification.stored import write_fit
 from symid.joint_models.friction_models import FRICTION_MODELS
 from symid.robot.toml_settings import list_processing
 from tests.chains import draw_parameters
@@ -88,4 +88,4 @@ def make_plain(value):
 
 def store_estimate(robot, path: Path, **fields) -> Path:
     """Write the estimate of `build_estimate` to a file."""
-    return write_estimate(build_estimate(robot, **fields), path)
+    return write_fit(build_estimate(robot, **fields), path)

@@ -12,15 +12,14 @@ Supported: every function of the catalogue that the robot has.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast, final
 
-from symid.api.result import Progress, Result
+from symid import report
+from symid.api.result import Result
 from symid.errors import Notice, UsageError
 
 if TYPE_CHECKING:
-    import casadi
     from numpy.typing import ArrayLike
 
     from symid.arrays import FloatArray
@@ -31,9 +30,7 @@ if TYPE_CHECKING:
         Library,
         ModelCard,
         ParameterCard,
-        SymbolicFunction,
     )
-    from symid.dynamics import BaseParameters
     from symid.report import Block
     from symid.robot import Robot
 
@@ -94,49 +91,15 @@ class WrittenCode(Result):
 
     def summarise(self) -> str:
         """Return the folder, what was done, and how its self-test went."""
-        from symid.report import summarise_code
-
-        return summarise_code(self.product)
+        return report.summarise_code(self.product)
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return a headline, and the operations and sizes of every function."""
-        from symid.report import show_code
-
-        return show_code(self.product)
+        return report.show_code(self.product)
 
     def to_dict(self) -> dict[str, object]:
         """Return files, operations and sizes in plain types."""
-        from symid.report import describe_code
-
-        return describe_code(self.robot.name, self.product)
-
-
-def write_code(
-    robot: "Robot",
-    target: Target,
-    folder: str | PathLike[str],
-    *,
-    functions: Sequence[str] | None,
-    precision: str,
-    parameters: Parameters,
-    constant: bool,
-    trigonometry: str,
-    friction_laws: bool,
-    force: bool,
-    progress: Progress,
-) -> WrittenCode:
-    """Write the functions of `robot` to `folder`; see `RobotModel.write`."""
-    from symid.codegen import CodeRequest, GenerateOptions, generate_folder
-
-    order = CodeRequest(
-        names=None if functions is None else tuple(functions),
-        target=target,
-        parameters=parameters,
-        constant=constant,
-        options=GenerateOptions(precision=precision, trigonometry=trigonometry, friction_laws=friction_laws),
-    )
-    made = generate_folder(robot, order, Path(fspath(folder)), progress=progress, force=force)
-    return WrittenCode(robot=robot, product=made)
+        return report.describe_code(self.robot.name, self.product)
 
 
 @final
@@ -387,39 +350,3 @@ class CompiledModel:
 
 _TUPLES = {name: kind is TupleFunction for name, kind in CompiledModel.__annotations__.items()}
 """Of every function of the catalogue, whether it can have several outputs."""
-
-
-def build_sympy(
-    robot: "Robot", name: str, base: "BaseParameters", *, standard: bool = False
-) -> "SymbolicFunction":
-    """Return a function of the catalogue in exact symbols; see `RobotModel.sympy`."""
-    from symid.codegen import derive_symbolic
-
-    _check_name(robot, name, base)
-    return derive_symbolic(robot, name, standard=standard, base=base)
-
-
-def build_casadi(
-    robot: "Robot", name: str, base: "BaseParameters", *, standard: bool = False, constant: bool = False
-) -> "casadi.Function":
-    """Return a function of the catalogue as a CasADi function; see `RobotModel.casadi`."""
-    from symid.codegen import build_casadi_function
-
-    _check_name(robot, name, base)
-    return build_casadi_function(robot, name, standard=standard, constant=constant)
-
-
-def _check_name(robot: "Robot", name: str, base: "BaseParameters") -> None:
-    """Refuse a function that the catalogue does not have for this robot.
-
-    Raises:
-        UsageError: with the nearest names.
-    """
-    from symid.codegen import list_robot_specs
-    from symid.robot import suggest_names
-
-    names = [spec.name for spec in list_robot_specs(robot, base)]
-    if name not in names:
-        hint = suggest_names(name, names) or f"there are {', '.join(names)}"
-        text = f"function {name!r} is not in the catalogue of {robot.name}: {hint}"
-        raise UsageError(Notice(code="usage.unknown-function", text=text))

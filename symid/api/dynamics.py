@@ -7,7 +7,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, final
 
-from symid.api.result import Progress, Result
+from symid import report
+from symid.api.result import Result
 from symid.errors import Notice, UsageError
 
 if TYPE_CHECKING:
@@ -132,26 +133,18 @@ class BaseSet(Result):
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return a headline, and every parameter with its grouping and reason."""
-        from symid.report import show_base
-
-        return show_base(self.robot, self.product)
+        return report.show_base(self.robot, self.product)
 
     def _tabulate(self) -> "tuple[Block, ...]":
-        from symid.report import tabulate_base
-
-        return tabulate_base(self.robot, self.product)
+        return report.tabulate_base(self.robot, self.product)
 
     def to_dict(self) -> dict[str, object]:
         """Return names, expressions, reasons, values and the null space in plain types."""
-        from symid.report import describe_base
-
-        return {**describe_base(self.robot, self.product), "of": self.form}
+        return {**report.describe_base(self.robot, self.product), "of": self.form}
 
     def _repr_latex_(self) -> str:
         """Return names and groupings as formulas for a notebook."""
-        from symid.report import write_base_latex
-
-        return write_base_latex(self.robot, self.product)
+        return report.write_base_latex(self.robot, self.product)
 
 
 def derive_base_set(robot: "Robot", form: BaseForm = "torque") -> BaseSet:
@@ -202,39 +195,16 @@ class Derivation(Result):
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return the steps, and the operations of generated functions."""
-        from symid.report import show_derivation
-
-        return show_derivation(self.steps, self.operations, latex=self.latex)
+        return report.show_derivation(self.steps, self.operations, latex=self.latex)
 
     def to_dict(self) -> dict[str, object]:
         """Return steps and operations of all routes in plain types."""
-        from symid.report import describe_derivation
-
-        return describe_derivation(self.robot.name, self.steps, self.operations)
+        return report.describe_derivation(self.robot.name, self.steps, self.operations)
 
     def _repr_html_(self) -> str:
         """Return the derivation for a notebook, with formulas."""
-        from symid.report import write_derivation_html
-
-        return write_derivation_html(self.steps, self.operations)
+        return report.write_derivation_html(self.steps, self.operations)
 
     def _repr_latex_(self) -> str:
         """Return the formulas of all steps."""
-        from symid.report import write_derivation_latex
-
-        return write_derivation_latex(self.steps)
-
-
-def derive_dynamics(robot: "Robot", progress: Progress, *, latex: bool = False) -> Derivation:
-    """Return the derivation of `robot`; see `Derivation`.
-
-    Raises:
-        RobotError: a symbolic length has no value.
-    """
-    progress(f"deriving the dynamics of {robot.name}")
-    from symid.codegen import count_route_operations
-    from symid.lessons import derive_lesson
-
-    steps = derive_lesson(robot)
-    progress("counting the operations of all routes to code")
-    return Derivation(robot=robot, steps=steps, operations=count_route_operations(robot), latex=latex)
+        return report.write_derivation_latex(self.steps)

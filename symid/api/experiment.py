@@ -4,31 +4,27 @@ Robot, what to search for -> `ExcitedTrajectory`; robot whose file states masses
 sensors -> `Simulation`, a log whose truth is known.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from os import PathLike, fspath
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, final
 
+from symid import report
 from symid.api.log import Log
 from symid.api.result import Result
 from symid.errors import Notice
 
 if TYPE_CHECKING:
-    from symid.api.robot import RobotModel
     from symid.arrays import FloatArray
     from symid.excitation import (
-        ExcitationOptions,
         Margin,
         OptimisedExcitation,
-        SampledMotion,
         Trajectory,
-        WorkspaceLimits,
     )
     from symid.logs import Recording
     from symid.report import Block
     from symid.robot import Robot
-    from symid.simulation import SensorSettings
 
 ExcitationCriterion = Literal["condition", "d-optimal"]
 
@@ -99,9 +95,8 @@ class ExcitedTrajectory(Result):
             OutputError: the file is no .csv, or cannot be written.
         """
         from symid.excitation import write_trajectory
-        from symid.report import list_remarks
 
-        remarks = list_remarks(self.robot, self.product, self.seed)
+        remarks = report.list_remarks(self.robot, self.product, self.seed)
         file = Path(path)
         write_trajectory(self.trajectory, file, self.robot, rate=rate, periods=periods, remarks=remarks)
         return file
@@ -116,42 +111,11 @@ class ExcitedTrajectory(Result):
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return its figures next to those of random series, and the part of each limit that it uses."""
-        from symid.report import show_excitation
-
-        return show_excitation(self.product)
+        return report.show_excitation(self.product)
 
     def to_dict(self) -> dict[str, object]:
         """Return coefficients, figures, limits and starts in plain types."""
-        from symid.report import describe_excitation
-
-        return describe_excitation(self.robot, self.product, self.seed)
-
-
-def search_trajectory(model: "RobotModel", options: "ExcitationOptions", seed: int) -> ExcitedTrajectory:
-    """Return the best trajectory found; see `RobotModel.excite`."""
-    import numpy as np
-
-    from symid.excitation import optimise_excitation
-
-    robot = model.description
-    found = optimise_excitation(robot, options, rng=np.random.default_rng(seed), progress=model.progress)
-    return ExcitedTrajectory(robot=robot, product=found, seed=seed)
-
-
-def load_workspace(model: "RobotModel", path: str | PathLike[str] | None) -> "WorkspaceLimits":
-    """Return the spheres and planes of a file, none without one.
-
-    Raises:
-        InputError: the file is wrong.
-    """
-    from symid.excitation import WorkspaceLimits, read_workspace
-
-    return WorkspaceLimits() if path is None else read_workspace(Path(path), model.description)
-
-
-def list_numbers(values: Sequence[float] | None) -> tuple[float, ...] | None:
-    """Return numbers of any sequence, or None where none are given."""
-    return None if values is None else tuple(map(float, values))
+        return report.describe_excitation(self.robot, self.product, self.seed)
 
 
 @final
@@ -251,43 +215,3 @@ class Simulation(Result):
             "backend": self.backend,
             **self.details,
         }
-
-
-def simulate_experiment(
-    model: "RobotModel",
-    trajectory: "str | PathLike[str] | ExcitedTrajectory | Trajectory | SampledMotion",
-    sensors: "SensorSettings",
-    *,
-    duration: float | None,
-    joint: int,
-    scale: float,
-    seed: int,
-) -> Simulation:
-    """Return what the sensors see along a trajectory; see `RobotModel.simulate`."""
-    import numpy as np
-
-    from symid.excitation import build_motion
-    from symid.simulation import check_sensor_settings, check_stated_values, simulate_log
-
-    robot = model.description
-    check_sensor_settings(robot, sensors)
-    # Before minutes go into the derivation.
-    check_stated_values(robot)
-    rng = np.random.default_rng(seed)
-    given = trajectory.trajectory if isinstance(trajectory, ExcitedTrajectory) else trajectory
-    named = fspath(given) if isinstance(given, PathLike) else given
-    motion = build_motion(robot, named, rng, duration=duration, joint=joint, scale=scale)
-    library = model.library
-    model.progress(f"simulating {motion.duration:g} s of {robot.name}")
-    found = simulate_log(robot, library, motion, sensors, rng)
-    return Simulation(
-        robot=robot,
-        recording=found.recording,
-        trajectory=motion.source,
-        duration=motion.duration,
-        seed=seed,
-        energy_gap=found.energy_gap,
-        backend=found.backend,
-        details=found.details,
-        library_notices=library.notices,
-    )

@@ -10,6 +10,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, final
 
+from symid import report
 from symid.api.fit import ElasticFit
 from symid.api.log import Log, read_log
 from symid.api.result import Progress, Result, ignore
@@ -18,7 +19,7 @@ from symid.api.robot_files import export_fit
 from symid.errors import Notice, OutputError
 
 if TYPE_CHECKING:
-    from symid.identification import InstallationFinding
+    from symid.api.installation import InstallationFinding
     from symid.identification.elastic import TrackingRun
     from symid.report import Block
     from symid.simulation import ElasticRun
@@ -62,10 +63,8 @@ class Doctor(Result):
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return a table."""
-        from symid.report import format_table
-
         rows = [(entry.name, entry.found, entry.remedy or "ok") for entry in self.findings]
-        return (format_table(("what", "found", "to do"), rows, left=(0, 1, 2)),)
+        return (report.Table(("what", "found", "to do"), rows, left=(0, 1, 2)),)
 
     def to_dict(self) -> dict[str, object]:
         """Return the findings in plain types."""
@@ -88,7 +87,7 @@ def doctor() -> Doctor:
         >>> symid.doctor().accepted
         True
     """
-    from symid.identification import check_installation
+    from symid.api.installation import check_installation
 
     return Doctor(findings=check_installation())
 
@@ -170,14 +169,13 @@ class DemoResult(Result):
     def blocks(self) -> "tuple[Block, ...]":
         """Return parameters, springs, errors, tracking, and where the files are."""
         from symid.environment import show_path
-        from symid.report import show_elastic_parameters, show_springs
 
         best = self.fit.estimate
         logs = ", ".join(_LOGS[name] for name in _TRAINING)
         return (
             f"{self.robot.name}: dynamics, friction and hysteresis identified from {logs}\n{best.reason}",
-            show_elastic_parameters(best),
-            show_springs(best),
+            report.show_elastic_parameters(best),
+            report.show_springs(best),
             *self._show_deviations(),
             *self._show_tracking(),
             f"{len(self.files)} files of C in {show_path(self.folder / 'code')}, {self.built}",
@@ -186,30 +184,24 @@ class DemoResult(Result):
         )
 
     def _show_deviations(self) -> "tuple[Block, ...]":
-        from symid.report import format_table
-
         chosen = f"{_AUTOMATIC}: {self.fit.estimate.method}"
         rows = [[chosen if name == _AUTOMATIC else name, *pair] for name, pair in self.deviations.items()]
         title = (
             "errors against the truth in percent: the largest of all dynamic parameters; the hysteresis of "
             f"the worse joint on {_LOGS[_HELD_OUT]}, a motion that was held out"
         )
-        return (title, format_table(["method", "parameters", "hysteresis"], rows))
+        return (title, report.Table(["method", "parameters", "hysteresis"], rows))
 
     def _show_tracking(self) -> "tuple[Block, ...]":
-        from symid.report import format_table
-
         header = ["feed-forward", *(f"{joint.name}/mrad" for joint in self.robot.joints)]
         rows = [[run.name, *(1e3 * run.rms).tolist()] for run in self.tracking]
         title = f"how links follow the motion of {_LOGS[_HELD_OUT]} in closed loop: root mean square errors"
-        return (title, format_table(header, rows))
+        return (title, report.Table(header, rows))
 
     def to_dict(self) -> dict[str, object]:
         """Return the estimate, errors, tracking and files in plain types."""
-        from symid.report import describe_elastic
-
         return {
-            "estimate": describe_elastic(self.fit.estimate),
+            "estimate": report.describe_elastic(self.fit.estimate),
             "errors": {
                 name: {"parameter_percent": pair[0], "hysteresis_percent": pair[1]}
                 for name, pair in self.deviations.items()
@@ -347,20 +339,20 @@ def _write_report(
     path: Path,
 ) -> None:
     from symid.identification.elastic import evaluate_elastic
-    from symid.report import ElasticExtras, TrackingRuns, describe_origin, write_elastic_report
 
     robot.progress("writing the report")
     library, best = robot.library, fits[_AUTOMATIC].estimate
     initial = [spring.elasticity for spring in fits["linear-spring"].estimate.springs]
     held_out = [logs[name].recording for name in (_HELD_OUT, "TA")]
-    extras = ElasticExtras(
-        trials=tuple(evaluate_elastic(best, library, log, initial=initial) for log in held_out),
+    page = report.build_elastic_page(
+        best,
+        tuple(evaluate_elastic(best, library, log, initial=initial) for log in held_out),
+        (*robot.notices, *library.notices),
+        report.describe_origin(robot.description, library, [log.recording for log in logs.values()]),
         iterated=fits["two-step"].estimate,
-        tracking=TrackingRuns(runs=tracking),
-        notices=(*robot.notices, *library.notices),
-        origin=describe_origin(robot.description, library, [log.recording for log in logs.values()]),
+        tracking=tracking,
     )
-    write_elastic_report(path, best, extras)
+    report.write_page(path, page)
 
 
 def judge_demo(deviations: DemoErrors, tracking: "Sequence[TrackingRun]") -> tuple[Notice, ...]:

@@ -16,6 +16,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, final
 
+from symid import report
 from symid.api.log import LogLike, Logs, list_logs, take_one_log
 from symid.api.result import Figures, Progress, Result, ignore
 from symid.api.robot import RobotModel, Settings, list_pairs, load
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from symid.identification.estimators import Estimate, ParameterEstimate, Residual
     from symid.identification.friction import FrictionIdentification, JointFriction
     from symid.logs import Alignment, Recording
-    from symid.report import Block, FitVerdict, KnownRobot, Page, PageRequest
+    from symid.report import Block, FitVerdict
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -115,9 +116,7 @@ class Fit(Result):
     @property
     def verdict(self) -> "FitVerdict":
         """Return what the fit is worth by its own logs, in sentences; held-out logs say more (`validate`)."""
-        from symid.report import judge_fit
-
-        return judge_fit(self.product)
+        return report.judge_fit(self.product)
 
     def opening(self) -> "tuple[Block, ...]":
         """Return the verdict."""
@@ -130,9 +129,7 @@ class Fit(Result):
 
     def plot(self) -> Figures:
         """Return these figures, which show themselves in a notebook; `.save(path)` writes them as SVG."""
-        from symid.report import draw_fit
-
-        return Figures(drawings=draw_fit(self.product))
+        return Figures(drawings=report.draw_fit(self.product))
 
     def __len__(self) -> int:
         """Return how many parameters were found."""
@@ -160,7 +157,6 @@ class Fit(Result):
             text = f"{name!r} is no parameter of this fit: {hint}"
         raise UsageError(Notice(code="usage.unknown-parameter", text=text))
 
-    @abstractmethod
     def save(self, path: str | PathLike[str]) -> Path:
         """Write the fit to `path` as JSON and return the path; `symid.load_fit` reads it back.
 
@@ -174,6 +170,9 @@ class Fit(Result):
             >>> fit.save("fit.json").name
             'fit.json'
         """
+        from symid.identification import write_fit
+
+        return write_fit(self.estimate, Path(fspath(path)))
 
     def validate(
         self, log: LogLike, *, gate: float | None = None, settings: Settings | None = None
@@ -200,8 +199,26 @@ class Fit(Result):
         pairs = list_pairs(settings)
         return LogValidation(product=self._try(take_one_log(log, pairs), pairs), gate=gate)
 
-    @abstractmethod
-    def _try(self, log: "Path | Recording", pairs: tuple[tuple[str, str], ...]) -> "AnyValidation": ...
+    def _try(
+        self,
+        log: "Path | Recording",
+        pairs: tuple[tuple[str, str], ...],
+        *,
+        band: float | None = None,
+        tracking: "TrackingTask | None" = None,
+    ) -> "AnyValidation":
+        from symid.identification import validate_fit
+
+        return validate_fit(
+            self.robot.description,
+            self.estimate,
+            log,
+            self.robot.workshop,
+            pairs=pairs,
+            band=band,
+            tracking=tracking,
+            file=_name_file(self.file),
+        )
 
     def compare(
         self,
@@ -306,16 +323,19 @@ class Fit(Result):
             >>> fit.report("report.html", validation=robot.simulate("tc", duration=5.0).log).file.name
             'report.html'
         """
-        from symid.report import PageRequest
-
         pairs = list_pairs(settings)
         logs = list_logs(validation, pairs)
-        request = PageRequest(logs=logs, pairs=pairs, diagnose=diagnose, file=_name_file(self.file))
         known = (self.robot.description, self.robot.workshop) if logs or diagnose else None
-        return FitPage(page=self._write_page(Path(fspath(path)), request, known))
-
-    @abstractmethod
-    def _write_page(self, path: Path, request: "PageRequest", known: "KnownRobot | None") -> "Page": ...
+        page = report.write_fit_page(
+            Path(fspath(path)),
+            self.product,
+            known,
+            logs=logs,
+            pairs=pairs,
+            diagnose=diagnose,
+            file=_name_file(self.file),
+        )
+        return FitPage(page=page)
 
     def summarise(self) -> str:
         """Return robot, kind of fit, and how much it leaves."""
@@ -399,12 +419,6 @@ class RigidFit(_DynamicsFit):
 
     estimate: "Estimate"
 
-    def save(self, path: str | PathLike[str]) -> Path:
-        """Write the fit to `path` as JSON and return the path."""
-        from symid.identification.rigid import write_estimate
-
-        return write_estimate(self.estimate, Path(fspath(path)))
-
     def diagnose(self) -> "FitDiagnosis":
         """Return what the logs of the fit tell beyond parameters: correlations, bootstrap, drift, structure.
 
@@ -455,37 +469,13 @@ class RigidFit(_DynamicsFit):
         pairs = list_pairs(settings)
         return LogValidation(product=self._try(take_one_log(log, pairs), pairs, band=band), gate=gate)
 
-    def _try(
-        self, log: "Path | Recording", pairs: tuple[tuple[str, str], ...], *, band: float | None = None
-    ) -> "AnyValidation":
-        from symid.identification import validate_rigid
-
-        return validate_rigid(
-            self.robot.description,
-            self.estimate,
-            log,
-            self.robot.workshop,
-            pairs=pairs,
-            band=band,
-            file=_name_file(self.file),
-        )
-
-    def _write_page(self, path: Path, request: "PageRequest", known: "KnownRobot | None") -> "Page":
-        from symid.report import write_rigid_page
-
-        return write_rigid_page(path, self.estimate, request, known)
-
     def blocks(self) -> "tuple[Block, ...]":
         """Return a headline, and the tables of parameters and residuals."""
-        from symid.report import show_estimate
-
-        return show_estimate(self.estimate)
+        return report.show_estimate(self.estimate)
 
     def to_dict(self) -> dict[str, object]:
         """Return the fit in plain types."""
-        from symid.report import describe_estimate
-
-        return {**describe_estimate(self.estimate), **self.extra}
+        return {**report.describe_estimate(self.estimate), **self.extra}
 
 
 @final
@@ -512,12 +502,6 @@ class ElasticFit(_DynamicsFit):
     def springs(self) -> "tuple[SpringEstimate, ...]":
         """Return the spring of every joint; empty where the method gives none."""
         return self.estimate.springs
-
-    def save(self, path: str | PathLike[str]) -> Path:
-        """Write the fit to `path` as JSON and return the path."""
-        from symid.identification.elastic import write_elastic_estimate
-
-        return write_elastic_estimate(self.estimate, Path(fspath(path)))
 
     def track(
         self,
@@ -555,43 +539,15 @@ class ElasticFit(_DynamicsFit):
         found = self._try(take_one_log(log, pairs), pairs, tracking=task)
         return LogValidation(product=found, gate=gate)
 
-    def _try(
-        self,
-        log: "Path | Recording",
-        pairs: tuple[tuple[str, str], ...],
-        *,
-        tracking: "TrackingTask | None" = None,
-    ) -> "AnyValidation":
-        from symid.identification import validate_elastic
-
-        return validate_elastic(
-            self.robot.description,
-            self.estimate,
-            log,
-            self.robot.workshop,
-            pairs=pairs,
-            tracking=tracking,
-            file=_name_file(self.file),
-        )
-
-    def _write_page(self, path: Path, request: "PageRequest", known: "KnownRobot | None") -> "Page":
-        from symid.report import write_elastic_page
-
-        return write_elastic_page(path, self.estimate, request, known)
-
     def blocks(self) -> "tuple[Block, ...]":
         """Return a headline, why the method was taken, parameters, springs and residuals."""
-        from symid.report import show_elastic
-
-        return show_elastic(self.estimate)
+        return report.show_elastic(self.estimate)
 
     def to_dict(self) -> dict[str, object]:
         """Return the fit in plain types."""
-        from symid.report import describe_alignment, describe_elastic
-
         joints = [entry.joint for entry in self.estimate.residual]
-        aligned = None if self.alignment is None else describe_alignment(self.alignment, joints)
-        return {**describe_elastic(self.estimate), "alignment": aligned, **self.extra}
+        aligned = None if self.alignment is None else report.describe_alignment(self.alignment, joints)
+        return {**report.describe_elastic(self.estimate), "alignment": aligned, **self.extra}
 
 
 @final
@@ -644,29 +600,6 @@ class FrictionFit(Fit):
         """Return what each law leaves of the logs it was fitted to."""
         return tuple(entry.residual for entry in self.estimate.joints)
 
-    def save(self, path: str | PathLike[str]) -> Path:
-        """Write the laws to `path` as JSON and return the path."""
-        from symid.identification.friction import write_friction_result
-
-        return write_friction_result(self.estimate, Path(fspath(path)))
-
-    def _try(self, log: "Path | Recording", pairs: tuple[tuple[str, str], ...]) -> "AnyValidation":
-        from symid.identification import validate_friction_result
-
-        return validate_friction_result(
-            self.robot.description,
-            self.estimate,
-            log,
-            self.robot.workshop,
-            pairs=pairs,
-            file=_name_file(self.file),
-        )
-
-    def _write_page(self, path: Path, request: "PageRequest", known: "KnownRobot | None") -> "Page":  # noqa: ARG002  laws were tried when chosen
-        from symid.report import write_friction_page
-
-        return write_friction_page(path, self.estimate, request)
-
     def summarise(self) -> str:
         """Return robot, joints and laws."""
         laws = ", ".join(f"{name}: {entry.estimate.law}" for name, entry in self.joints.items())
@@ -674,15 +607,11 @@ class FrictionFit(Fit):
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return choice, law, parameters and residual of every joint."""
-        from symid.report import show_friction
-
-        return show_friction(self.estimate)
+        return report.show_friction(self.estimate)
 
     def to_dict(self) -> dict[str, object]:
         """Return the laws in plain types."""
-        from symid.report import describe_friction
-
-        return {**describe_friction(self.estimate), **self.extra}
+        return {**report.describe_friction(self.estimate), **self.extra}
 
 
 def load_fit(
@@ -706,15 +635,17 @@ def load_fit(
         True
     """
     file = Path(fspath(path))
-    from symid.identification.elastic import is_elastic_estimate, read_elastic_estimate
-    from symid.identification.friction import is_friction_result, read_friction_result
-    from symid.identification.rigid import read_estimate
+    from symid.identification import read_fit
+    from symid.identification.elastic import ElasticEstimate
+    from symid.identification.friction import FrictionIdentification
 
-    if is_friction_result(file):
-        return FrictionFit(estimate=read_friction_result(file), file=file, model=robot, progress=progress)
-    if is_elastic_estimate(file):
-        return ElasticFit(estimate=read_elastic_estimate(file), file=file, model=robot, progress=progress)
-    return RigidFit(estimate=read_estimate(file), file=file, model=robot, progress=progress)
+    match read_fit(file):
+        case FrictionIdentification() as estimate:
+            return FrictionFit(estimate=estimate, file=file, model=robot, progress=progress)
+        case ElasticEstimate() as estimate:
+            return ElasticFit(estimate=estimate, file=file, model=robot, progress=progress)
+        case estimate:
+            return RigidFit(estimate=estimate, file=file, model=robot, progress=progress)
 
 
 def take_estimate(fit: "Fit | str | PathLike[str] | None") -> "Estimate | Path | None":

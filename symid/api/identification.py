@@ -1,7 +1,7 @@
-"""Logs and options to a result: the settings of the call, the recordings, the right kind of result.
+"""Results of an identification that are no fits: the stiffness of joints, and what a robot carries.
 
-Robot, logs, what is asked for -> `RigidFit`, `ElasticFit`, `FrictionFit`, `Stiffness`; for a payload, fits or
-logs with it and without it -> `PayloadResult`: mass, centre of mass and inertia.
+`Stiffness`: joint by joint, with delay and offsets of encoders; `PayloadResult`: mass, centre of mass and
+inertia, from fits or logs with the payload and without it.
 """
 
 from collections.abc import Sequence
@@ -10,22 +10,17 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias, final
 
-from symid.api.fit import ElasticFit, FrictionFit, RigidFit
-from symid.api.log import Log, Logged, LogLike, Logs, adopt_log_map, list_logs
+from symid import report
+from symid.api.log import Log, Logged, LogLike
 from symid.api.result import Result
 from symid.errors import Notice
 
 if TYPE_CHECKING:
-    from symid.api.robot import RobotModel
     from symid.arrays import FloatArray
     from symid.dynamics import Payload, PayloadQuantity
-    from symid.identification import FrictionRequest, GivenResult, GivenSide, IdentifyTask, PayloadFinding
+    from symid.identification import GivenResult, GivenSide, PayloadFinding
     from symid.identification.elastic import JointStiffness, StiffnessEstimate
-    from symid.logs import Recording
     from symid.report import Block
-    from symid.robot import Robot
-
-Pairs = tuple[tuple[str, str], ...]
 
 
 @final
@@ -64,7 +59,7 @@ class Stiffness(Result):
         Raises:
             OutputError: the file cannot be written.
         """
-        from symid.identification.rigid import write_file
+        from symid.environment import write_file
         from symid.serialization import write_json
 
         file = Path(fspath(path))
@@ -77,71 +72,11 @@ class Stiffness(Result):
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return delay, offsets and stiffness."""
-        from symid.report import show_stiffness
-
-        return show_stiffness(self.estimate)
+        return report.show_stiffness(self.estimate)
 
     def to_dict(self) -> dict[str, object]:
         """Return delay, offsets and stiffness in plain types."""
-        from symid.report import describe_stiffness
-
-        return describe_stiffness(self.estimate)
-
-
-def _gather_recordings(
-    robot: "RobotModel", logs: Logs, pairs: Pairs, friction: str | None
-) -> "tuple[Robot, tuple[Recording, ...]]":
-    """Return the robot with the settings of the call, and the recordings as it reads them."""
-    from symid.logs import read_fit_recordings
-    from symid.robot import override_settings
-
-    given = list_logs(logs, pairs)
-    described = override_settings(adopt_log_map(robot.description, logs), pairs, friction)
-    return described, read_fit_recordings(given, described)
-
-
-def identify_logs(
-    robot: "RobotModel", logs: Logs, task: "IdentifyTask", friction: str | None
-) -> RigidFit | ElasticFit:
-    """Return the fit of a robot to logs; see `RobotModel.identify`."""
-    from symid.identification import identify_robot
-    from symid.identification.elastic import ElasticEstimate
-
-    described, recordings = _gather_recordings(robot, logs, task.pairs, friction)
-    found = identify_robot(described, recordings, task, robot.workshop)
-    extra = {"backend": found.backend}
-    if isinstance(found.estimate, ElasticEstimate):
-        return ElasticFit(
-            estimate=found.estimate,
-            alignment=found.alignment,
-            model=robot,
-            said=found.notices,
-            extra=extra,
-        )
-    return RigidFit(estimate=found.estimate, model=robot, said=found.notices, extra=extra)
-
-
-def identify_friction_of_logs(
-    robot: "RobotModel", logs: Logs, request: "FrictionRequest", pairs: Pairs
-) -> FrictionFit:
-    """Return laws of friction; see `RobotModel.identify_friction`."""
-    from symid.identification import identify_robot_friction
-
-    described, recordings = _gather_recordings(robot, logs, pairs, request.friction)
-    found = identify_robot_friction(described, recordings, request, robot.workshop)
-    extra = {"backend": found.backend}
-    return FrictionFit(estimate=found.result, model=robot, said=found.notices, extra=extra)
-
-
-def identify_stiffness_of_logs(
-    robot: "RobotModel", logs: Logs, pairs: Pairs, friction: str | None
-) -> Stiffness:
-    """Return the stiffness of joints; see `RobotModel.identify_stiffness`."""
-    from symid.identification import identify_stiffness
-
-    described, recordings = _gather_recordings(robot, logs, pairs, friction)
-    found, notices = identify_stiffness(described, recordings, pairs, robot.workshop)
-    return Stiffness(estimate=found, said=notices)
+        return report.describe_stiffness(self.estimate)
 
 
 PayloadRows = Literal["torque", "momentum"]
@@ -215,9 +150,7 @@ class PayloadResult(Result):
     @property
     def notices(self) -> tuple[Notice, ...]:
         """Return what speaks against it: what is not identifiable, what else changed between both sides."""
-        from symid.report import warn_payload
-
-        return tuple(dict.fromkeys((*self.product.notices, *warn_payload(self.payload))))
+        return tuple(dict.fromkeys((*self.product.notices, *report.warn_payload(self.payload))))
 
     def summarise(self) -> str:
         """Return the mass and the link."""
@@ -225,15 +158,11 @@ class PayloadResult(Result):
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return the table of what was identified, and what was refused, with the reasons."""
-        from symid.report import show_payload
-
-        return show_payload(self.product.robot, self.payload)
+        return report.show_payload(self.product.robot, self.payload)
 
     def to_dict(self) -> dict[str, object]:
         """Return quantities, deviations and what changed besides in plain types."""
-        from symid.report import describe_payload
-
-        return describe_payload(self.product.robot, self.payload)
+        return report.describe_payload(self.product.robot, self.payload)
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write the result to `path` as JSON, and return the path.
@@ -241,38 +170,14 @@ class PayloadResult(Result):
         Raises:
             OutputError: the file cannot be written.
         """
-        from symid.identification.rigid import write_file
+        from symid.environment import write_file
         from symid.serialization import write_json
 
         return write_file(Path(path), write_json(self.to_dict()) + "\n")
 
 
-def identify_payload(
-    model: "RobotModel",
-    loaded: PayloadSide,
-    empty: PayloadSide,
-    *,
-    joint: str | None,
-    mass: float | None,
-    rows: PayloadRows,
-    estimator: PayloadEstimator,
-) -> PayloadResult:
-    """Return what the robot carries; see `RobotModel.payload`."""
-    from symid.identification import PayloadTask, identify_payload
-
-    task = PayloadTask(
-        joint=joint,
-        mass=mass,
-        rows=rows,
-        estimator=estimator,
-        prepare=lambda: model.library,
-        progress=model.progress,
-    )
-    found = identify_payload(model.description, _list_payload_side(loaded), _list_payload_side(empty), task)
-    return PayloadResult(product=found)
-
-
-def _list_payload_side(side: PayloadSide) -> "GivenSide":
+def list_payload_side(side: PayloadSide) -> "GivenSide":
+    """Return one side of a payload as the rooms below take it."""
     entries = side if isinstance(side, Sequence) and not isinstance(side, str) else (side,)
     found = (entry.log if isinstance(entry, Logged) else entry for entry in entries)
     return tuple(entry.recording if isinstance(entry, Log) else entry for entry in found)

@@ -12,6 +12,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, final, runtime_checkable
 
+from symid import report
 from symid.api.result import Result
 from symid.errors import LogError, Notice, UsageError
 
@@ -110,18 +111,16 @@ class Log(Result):
     def blocks(self) -> "tuple[Block, ...]":
         """Return the table of joints: range, speed, torque."""
         from symid.logs import summarise_joints
-        from symid.report import show_joints
 
         summary = summarise_joints(self.recording, self.robot)
-        return (self.summarise(), show_joints({"file": self.source}, summary))
+        return (self.summarise(), report.show_joints({"file": self.source}, summary))
 
     def to_dict(self) -> dict[str, object]:
         """Return samples, timing and the range of every joint in plain types."""
         from symid.logs import measure_timing, summarise_joints
-        from symid.report import describe_log
 
         summary = summarise_joints(self.recording, self.robot)
-        return describe_log(self.recording, measure_timing(self.time), summary)
+        return report.describe_log(self.recording, measure_timing(self.time), summary)
 
 
 @runtime_checkable
@@ -357,39 +356,12 @@ class RobotCheck(Result):
 
     def summarise(self) -> str:
         """Return the robot, and how many logs were looked at."""
-        from symid.report import summarise_robot
-
-        return f"{summarise_robot(self.robot)}: {len(self.logs)} log{'s'[: len(self.logs) != 1]}"
+        return f"{report.summarise_robot(self.robot)}: {len(self.logs)} log{'s'[: len(self.logs) != 1]}"
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return what was read, the joints of every log, and what the logs tell of the parameters."""
-        from symid.report import show_robot_check
-
-        return show_robot_check(self.robot, self.product)
+        return report.show_robot_check(self.robot, self.product)
 
     def to_dict(self) -> dict[str, object]:
         """Return joints, logs, and what they tell of every parameter, in plain types."""
-        from symid.report import describe_robot_check
-
-        return describe_robot_check(self.robot, self.product)
-
-
-def check_robot(
-    robot: "RobotModel", logs: Sequence[LogLike], *, resample: str | PathLike[str] | None = None
-) -> RobotCheck:
-    """Return what is found in `logs` of `robot`; see `RobotModel.check`."""
-    from symid.identification.diagnostics import LogsCheck, check_robot_logs
-
-    if resample is not None and len(logs) != 1:
-        text = f"resample: a copy is made of one log at a time, got {len(logs)}"
-        raise UsageError(Notice(code="usage.one-log", text=text))
-    if not logs:
-        return RobotCheck(robot=robot.description, product=LogsCheck())
-    found = check_robot_logs(
-        robot.description,
-        list_logs(logs),
-        prepare=lambda: robot.library,
-        progress=robot.progress,
-        output=None if resample is None else Path(fspath(resample)),
-    )
-    return RobotCheck(robot=robot.description, product=found)
+        return report.describe_robot_check(self.robot, self.product)

@@ -16,6 +16,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, final
 
+from symid import report
 from symid.errors import Notice, UsageError
 
 if TYPE_CHECKING:
@@ -84,9 +85,7 @@ class Result(ABC):
 
     def tell(self) -> str:
         """Return the result as text, without what a reader should know of it."""
-        from symid.report import write_text
-
-        return write_text(self.blocks())
+        return report.write_text(self.blocks())
 
     def __str__(self) -> str:
         """Return the result as the command line prints it: texts and tables, then warnings and errors."""
@@ -103,11 +102,9 @@ class Result(ABC):
 
     def _repr_html_(self) -> str:
         """Return the result for a notebook."""
-        from symid.report import write_html
-
         said = self._tell_notices()
         blocks = (*self.opening(), *self._tabulate(), *((said,) if said else ()), *self.figures())
-        return write_html(blocks, failed=not self.accepted)
+        return report.write_html(blocks, failed=not self.accepted)
 
 
 @final
@@ -139,9 +136,7 @@ class Figures:
 
     def _repr_html_(self) -> str:
         """Return the figures for a notebook."""
-        from symid.report import write_html
-
-        return write_html(self.drawings)
+        return report.write_html(self.drawings)
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write the figures below one another to `path`, .svg or .html, and return the path.
@@ -150,15 +145,14 @@ class Figures:
             UsageError: the name ends in something else.
             OutputError: the file cannot be written.
         """
-        from symid.identification.rigid import write_file
-        from symid.report import write_html, write_svg
+        from symid.environment import write_file
 
         file = Path(fspath(path))
         if file.suffix.lower() == ".svg":
-            return write_file(file, write_svg(self.drawings))
+            return write_file(file, report.write_svg(self.drawings))
         if file.suffix.lower() == ".html":
             head = '<!DOCTYPE html><html lang="en"><meta charset="utf-8"><title>Figures</title>'
-            return write_file(file, f"{head}<body>{write_html(self.drawings)}</body></html>\n")
+            return write_file(file, f"{head}<body>{report.write_html(self.drawings)}</body></html>\n")
         text = f"{file}: figures are written as .svg or .html"
         raise UsageError(Notice(code="usage.suffix", text=text))
 

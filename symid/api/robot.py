@@ -10,17 +10,19 @@ Name or path of a robot file -> `RobotModel`, whose methods are named as the ver
 Supported: robot files, URDF, tables of Denavit-Hartenberg rows. Nothing heavy is loaded before it is used.
 """
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeVar, final
 
+from symid import report
 from symid.api.dynamics import BaseForm, BaseSet, derive_base_set
 from symid.api.result import Progress, check_choice, check_count, check_positive, ignore
 from symid.codegen import BACKENDS
-from symid.errors import Notice
+from symid.errors import Notice, UsageError
 
 if TYPE_CHECKING:
     import casadi as ca
@@ -39,6 +41,7 @@ if TYPE_CHECKING:
     from symid.identification.elastic import ElasticOptions
     from symid.identification.estimators import Estimate
     from symid.identification.friction import FrictionOptions
+    from symid.logs import Recording
     from symid.robot import Joint, Robot
     from symid.study import CutoffStudy, ElasticStudy, ManyJointsResult, PrecisionStudy, TrackingStudy
 
@@ -221,9 +224,16 @@ class RobotModel:
             >>> lesson.steps[0].title
             'Frames'
         """
-        from symid.api.dynamics import derive_dynamics
+        from symid.api.dynamics import Derivation
 
-        return derive_dynamics(self.description, self.progress, latex=latex)
+        self.progress(f"deriving the dynamics of {self.name}")
+        from symid.codegen import count_route_operations
+        from symid.lessons import derive_lesson
+
+        steps = derive_lesson(self.description)
+        self.progress("counting the operations of all routes to code")
+        counts = count_route_operations(self.description)
+        return Derivation(robot=self.description, steps=steps, operations=counts, latex=latex)
 
     def sympy(self, name: str, *, standard: bool = False) -> "SymbolicFunction":
         """Return a function of the catalogue as exact SymPy expressions.
@@ -243,9 +253,10 @@ class RobotModel:
             >>> gravity["g"].shape
             (2, 1)
         """
-        from symid.api.code import build_sympy
+        from symid.codegen import derive_symbolic
 
-        return build_sympy(self.description, name, self.base.product, standard=standard)
+        self._check_function(name)
+        return derive_symbolic(self.description, name, standard=standard, base=self.base.product)
 
     def casadi(self, name: str, *, standard: bool = False, constant: bool = False) -> "ca.Function":
         """Return a function of the catalogue as a CasADi function, with derivatives of any order.
@@ -268,9 +279,25 @@ class RobotModel:
             >>> gravity.size1_in("q")
             2
         """
-        from symid.api.code import build_casadi
+        from symid.codegen import build_casadi_function
 
-        return build_casadi(self.description, name, self.base.product, standard=standard, constant=constant)
+        self._check_function(name)
+        return build_casadi_function(self.description, name, standard=standard, constant=constant)
+
+    def _check_function(self, name: str) -> None:
+        """Refuse a function that the catalogue does not have for this robot.
+
+        Raises:
+            UsageError: with the nearest names.
+        """
+        from symid.codegen import list_robot_specs
+        from symid.robot import suggest_names
+
+        names = [spec.name for spec in list_robot_specs(self.description, self.base.product)]
+        if name not in names:
+            hint = suggest_names(name, names) or f"there are {', '.join(names)}"
+            text = f"function {name!r} is not in the catalogue of {self.name}: {hint}"
+            raise UsageError(Notice(code="usage.unknown-function", text=text))
 
     def compile(self) -> "CompiledModel":
         """Return all functions of the robot compiled and loaded, one attribute each; `backend` says by what.
@@ -329,21 +356,21 @@ class RobotModel:
             >>> symid.load("two_link").write("python", "code", functions=["gravity"]).selftest
             'passed'
         """
-        from symid.api.code import write_code
+        from symid.api.code import WrittenCode
+        from symid.codegen import CodeRequest, GenerateOptions, generate_folder
 
-        return write_code(
-            self.description,
-            target,
-            folder,
-            functions=functions,
-            precision=precision,
+        order = CodeRequest(
+            names=None if functions is None else tuple(functions),
+            target=target,
             parameters=parameters,
             constant=constant,
-            trigonometry=trigonometry,
-            friction_laws=friction_laws,
-            force=force,
-            progress=self.progress,
+            options=GenerateOptions(
+                precision=precision, trigonometry=trigonometry, friction_laws=friction_laws
+            ),
         )
+        path = Path(fspath(folder))
+        made = generate_folder(self.description, order, path, progress=self.progress, force=force)
+        return WrittenCode(robot=self.description, product=made)
 
     @cached_property
     def library(self) -> "Library":
@@ -373,9 +400,22 @@ class RobotModel:
             >>> robot.check(robot.simulate(duration=4).log).accepted
             True
         """
-        from symid.api.log import check_robot
+        from symid.api.log import RobotCheck, list_logs
+        from symid.identification.diagnostics import LogsCheck, check_robot_logs
 
-        return check_robot(self, logs, resample=resample)
+        if resample is not None and len(logs) != 1:
+            text = f"resample: a copy is made of one log at a time, got {len(logs)}"
+            raise UsageError(Notice(code="usage.one-log", text=text))
+        found = LogsCheck()
+        if logs:
+            found = check_robot_logs(
+                self.description,
+                list_logs(logs),
+                prepare=lambda: self.library,
+                progress=self.progress,
+                output=None if resample is None else Path(fspath(resample)),
+            )
+        return RobotCheck(robot=self.description, product=found)
 
     # Identification.
 
@@ -464,8 +504,9 @@ class RobotModel:
             >>> abs(fit["ZZ2"].value - robot.base.values["ZZ2"]) < 4 * fit["ZZ2"].std
             True
         """
-        from symid.api.identification import identify_logs
-        from symid.identification import IdentifyTask
+        from symid.api.fit import ElasticFit, RigidFit
+        from symid.identification import IdentifyTask, identify_robot
+        from symid.identification.elastic import ElasticEstimate
         from symid.identification.rigid import RigidOptions
 
         pairs = list_pairs(
@@ -494,7 +535,29 @@ class RobotModel:
             "rate": _to_plain(rate),
         }
         task = IdentifyTask(pairs=pairs, rigid=options, method=method, elastic=given, options=elastic)
-        return identify_logs(self, logs, task, friction)
+        found = identify_robot(*self._gather(logs, pairs, friction), task, self.workshop)
+        extra = {"backend": found.backend}
+        if isinstance(found.estimate, ElasticEstimate):
+            return ElasticFit(
+                estimate=found.estimate,
+                alignment=found.alignment,
+                model=self,
+                said=found.notices,
+                extra=extra,
+            )
+        return RigidFit(estimate=found.estimate, model=self, said=found.notices, extra=extra)
+
+    def _gather(
+        self, logs: "Logs", pairs: tuple[tuple[str, str], ...], friction: str | None
+    ) -> "tuple[Robot, tuple[Recording, ...]]":
+        """Return the robot with the settings of the call, and the recordings as it reads them."""
+        from symid.api.log import adopt_log_map, list_logs
+        from symid.logs import read_fit_recordings
+        from symid.robot import override_settings
+
+        given = list_logs(logs, pairs)
+        described = override_settings(adopt_log_map(self.description, logs), pairs, friction)
+        return described, read_fit_recordings(given, described)
 
     def identify_friction(
         self,
@@ -546,8 +609,8 @@ class RobotModel:
             >>> sorted(fit.joints)
             ['elbow', 'shoulder']
         """
-        from symid.api.identification import identify_friction_of_logs
-        from symid.identification import FrictionRequest
+        from symid.api.fit import FrictionFit
+        from symid.identification import FrictionRequest, identify_robot_friction
         from symid.identification.friction import FrictionOptions
 
         pairs = list_pairs(
@@ -567,7 +630,9 @@ class RobotModel:
             friction=friction,
             options=options or FrictionOptions(),
         )
-        return identify_friction_of_logs(self, logs, request, pairs)
+        found = identify_robot_friction(*self._gather(logs, pairs, friction), request, self.workshop)
+        extra = {"backend": found.backend}
+        return FrictionFit(estimate=found.estimate, model=self, said=found.notices, extra=extra)
 
     def identify_stiffness(
         self,
@@ -598,10 +663,13 @@ class RobotModel:
             >>> sorted(found.joints)
             ['elbow', 'shoulder']
         """
-        from symid.api.identification import identify_stiffness_of_logs
+        from symid.api.identification import Stiffness
+        from symid.identification import identify_stiffness
 
         pairs = list_pairs(settings, drop_first=drop_first, drop_last=drop_last)
-        return identify_stiffness_of_logs(self, logs, pairs, friction)
+        described, recordings = self._gather(logs, pairs, friction)
+        found, notices = identify_stiffness(described, recordings, pairs, self.workshop)
+        return Stiffness(estimate=found, said=notices)
 
     # Trajectories and experiments.
 
@@ -660,18 +728,27 @@ class RobotModel:
             True
         """
         check_count("seed", seed)
-        from symid.api.experiment import list_numbers, load_workspace, search_trajectory
+        import numpy as np
+
+        from symid.api.experiment import ExcitedTrajectory
         from symid.excitation import (
             ExcitationOptions,
             LimitOptions,
             ProblemOptions,
             SeriesOptions,
             StateLimitOptions,
+            WorkspaceLimits,
+            optimise_excitation,
+            read_workspace,
         )
+
+        def list_numbers(values: Sequence[float] | None) -> tuple[float, ...] | None:
+            return None if values is None else tuple(map(float, values))
 
         series = SeriesOptions(harmonics=harmonics, period=period, rest=not moving, start=list_numbers(start))
         limits = LimitOptions(share=share, sweep=sweep, speed=velocity, acceleration=acceleration, jerk=jerk)
-        space = load_workspace(self, workspace)
+        robot = self.description
+        space = WorkspaceLimits() if workspace is None else read_workspace(Path(workspace), robot)
         loads = StateLimitOptions(workspace=space, torsion=torsion, stiffness=list_numbers(stiffness))
         options = ExcitationOptions(
             problem=ProblemOptions(
@@ -682,7 +759,9 @@ class RobotModel:
             candidates=candidates,
             starts=min(starts, candidates),
         )
-        return search_trajectory(self, options, seed)
+        rng = np.random.default_rng(seed)
+        found = optimise_excitation(robot, options, rng=rng, progress=self.progress)
+        return ExcitedTrajectory(robot=robot, product=found, seed=seed)
 
     def simulate(
         self,
@@ -722,15 +801,41 @@ class RobotModel:
             >>> run.q.shape, run.tau.shape
             ((501, 2), (501, 2))
         """
-        from symid.api.experiment import simulate_experiment
-
         check_count("seed", seed)
         check_positive("noise", noise, zero=True)
-        from symid.simulation import SensorSettings
+        import numpy as np
 
+        from symid.api.experiment import ExcitedTrajectory, Simulation
+        from symid.excitation import build_motion
+        from symid.simulation import (
+            SensorSettings,
+            check_sensor_settings,
+            check_stated_values,
+            simulate_log,
+        )
+
+        robot = self.description
         sensors = SensorSettings(clean=clean, noise=noise, delay=delay, offset=offset)
-        return simulate_experiment(
-            self, trajectory, sensors, duration=duration, joint=joint, scale=scale, seed=seed
+        check_sensor_settings(robot, sensors)
+        # Before minutes go into the derivation.
+        check_stated_values(robot)
+        rng = np.random.default_rng(seed)
+        given = trajectory.trajectory if isinstance(trajectory, ExcitedTrajectory) else trajectory
+        named = fspath(given) if isinstance(given, PathLike) else given
+        motion = build_motion(robot, named, rng, duration=duration, joint=joint, scale=scale)
+        library = self.library
+        self.progress(f"simulating {motion.duration:g} s of {robot.name}")
+        found = simulate_log(robot, library, motion, sensors, rng)
+        return Simulation(
+            robot=robot,
+            recording=found.recording,
+            trajectory=motion.source,
+            duration=motion.duration,
+            seed=seed,
+            energy_gap=found.energy_gap,
+            backend=found.backend,
+            details=found.details,
+            library_notices=library.notices,
         )
 
     # Payloads, and files for other programs.
@@ -777,12 +882,22 @@ class RobotModel:
             >>> round(found.mass, 1)
             1.0
         """
-        from symid.api.identification import identify_payload
+        from symid.api.identification import PayloadResult, list_payload_side
+        from symid.identification import PayloadTask, identify_payload
 
         check_positive("mass", mass)
         check_choice("rows", rows, ("torque", "momentum"))
         check_choice("estimator", estimator, ("ols", "wls"))
-        return identify_payload(self, loaded, empty, joint=joint, mass=mass, rows=rows, estimator=estimator)
+        task = PayloadTask(
+            joint=joint,
+            mass=mass,
+            rows=rows,
+            estimator=estimator,
+            prepare=lambda: self.library,
+            progress=self.progress,
+        )
+        sides = (list_payload_side(loaded), list_payload_side(empty))
+        return PayloadResult(product=identify_payload(self.description, *sides, task))
 
     def export(self, path: str | PathLike[str], *, precision: "Precision" = "double") -> "ExportedFile":
         """Write the robot with the values that its file states, in the format that the file's name ends in.
@@ -801,9 +916,12 @@ class RobotModel:
             >>> symid.load("two_link").export("two_link.urdf").format
             'URDF'
         """
-        from symid.api.robot_files import export_robot
+        from symid.api.robot_files import ExportedFile
 
-        return export_robot(self.description, path, precision=precision, progress=self.progress)
+        self.progress(f"writing {self.name}")
+        from symid.identification import write_stated
+
+        return ExportedFile(product=write_stated(self.description, Path(path), precision=precision))
 
     # Studies of methods on the robot, simulated.
 
@@ -823,9 +941,22 @@ class RobotModel:
             >>> [method.method for method in study.product.methods]
             ['wls', 'momentum', 'consistent']
         """
-        from symid.api.studies import list_seeds, run_precision
+        from symid.api.studies import Study, list_seeds, report_count
+        from symid.study import study_precision
 
-        return run_precision(self, list_seeds(seeds, seed), jobs)
+        numbers = list_seeds(seeds, seed)
+        # Made here, with its progress told, before processes look for it.
+        _ = self.library
+        found = study_precision(
+            self.description, numbers, backend=self.backend, jobs=jobs, progress=report_count(self.progress)
+        )
+        return Study(
+            title=f"precision of {self.name}",
+            product=found,
+            tables=report.show_precision(found),
+            described=asdict(found),
+            told=self.notices,
+        )
 
     def study_cutoff(self, log: "LogLike") -> "Study[CutoffStudy]":
         """Show what the cut-off of the position filter does to what a fit predicts.
@@ -844,9 +975,25 @@ class RobotModel:
             >>> study.product.chosen > 0
             True
         """
-        from symid.api.studies import run_cutoff
+        from symid.api.log import take_one_log
+        from symid.api.studies import Study, report_count
+        from symid.identification.elastic import build_motor_recording, build_rigid_variant
+        from symid.logs import read_one_log
+        from symid.study import study_cutoff
 
-        return run_cutoff(self, log)
+        robot = self.description
+        recording = read_one_log(take_one_log(log), robot)
+        rigid = build_rigid_variant(robot) if self.elastic else robot
+        library = replace(self, description=rigid).library
+        measured = build_motor_recording(recording, robot)
+        found = study_cutoff(library, measured, robot.processing, progress=report_count(self.progress))
+        return Study(
+            title=f"cut-off of {robot.name}",
+            product=found,
+            tables=report.show_cutoff(found),
+            described=asdict(found),
+            told=(*robot.notices, *recording.notices, *library.notices),
+        )
 
     def study_elastic(
         self, *, seeds: int = 100, seed: int = 1, jobs: int | None = None, timed: bool = False
@@ -867,9 +1014,25 @@ class RobotModel:
             >>> robot = symid.load("two_link_elastic")
             >>> study = robot.study_elastic(seeds=1)  # doctest: +SKIP
         """
-        from symid.api.studies import list_seeds, run_elastic
+        from symid.api.studies import Study, list_seeds, report_count
+        from symid.study import study_elastic
 
-        return run_elastic(self, list_seeds(seeds, seed), jobs, timed=timed)
+        numbers = list_seeds(seeds, seed)
+        _ = self.library
+        found = study_elastic(
+            self.description,
+            numbers,
+            backend=self.backend,
+            jobs=jobs,
+            timed=timed,
+            progress=report_count(self.progress),
+        )
+        return Study(
+            title=f"methods for the elastic joints of {self.name}",
+            product=found,
+            tables=report.show_elastic_study(found),
+            described=report.describe_elastic_study(found, numbers),
+        )
 
     def study_tracking(
         self, *, seeds: int = 20, seed: int = 1, jobs: int | None = None
@@ -889,9 +1052,20 @@ class RobotModel:
             >>> robot = symid.load("two_link_elastic")
             >>> study = robot.study_tracking(seeds=1)  # doctest: +SKIP
         """
-        from symid.api.studies import list_seeds, run_tracking
+        from symid.api.studies import Study, list_seeds, report_count
+        from symid.study import study_tracking
 
-        return run_tracking(self, list_seeds(seeds, seed), jobs)
+        numbers = list_seeds(seeds, seed)
+        _ = self.library
+        found = study_tracking(
+            self.description, numbers, backend=self.backend, jobs=jobs, progress=report_count(self.progress)
+        )
+        return Study(
+            title=f"tracking of {self.name}",
+            product=found,
+            tables=report.show_tracking(found),
+            described=asdict(found),
+        )
 
     def study_six_joints(self, *, seeds: int = 1, seed: int = 1) -> "Study[tuple[ManyJointsResult, ...]]":
         """Judge the dynamics of an elastic arm of any number of joints on a held-out motion.
@@ -908,9 +1082,22 @@ class RobotModel:
             >>> robot = symid.load("puma560_elastic")
             >>> study = robot.study_six_joints()  # doctest: +SKIP
         """
-        from symid.api.studies import list_seeds, run_six_joints
+        from symid.api.studies import Study, list_seeds
+        from symid.study import SensorCondition, study_many_joints
 
-        return run_six_joints(self, list_seeds(seeds, seed))
+        numbers, library = list_seeds(seeds, seed), self.library
+        found = tuple(
+            study_many_joints(self.description, library, condition, number)
+            for number in numbers
+            for condition in SensorCondition
+        )
+        return Study(
+            title=f"dynamics of the elastic arm {self.name}",
+            product=found,
+            tables=tuple(map(report.show_many_joints, found)),
+            described={"runs": [report.describe_many_joints(result) for result in found]},
+            told=tuple(dict.fromkeys(notice for result in found for notice in result.notices)),
+        )
 
 
 def load(
@@ -986,10 +1173,6 @@ def _write_gravity(gravity: Sequence[float]) -> tuple[str, str, str]:
     Raises:
         UsageError: they are not three finite numbers.
     """
-    import math
-
-    from symid.errors import UsageError
-
     if len(gravity) != 3 or not all(math.isfinite(part) for part in gravity):
         text = f"gravity {gravity!r}: expected three finite numbers in m/s^2, such as (0, 0, -9.81)"
         raise UsageError(Notice(code="usage.gravity", text=text))

@@ -10,11 +10,13 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, final
 
+from symid import report
 from symid.api.result import Progress, Result, ignore
 from symid.errors import Notice
 
 if TYPE_CHECKING:
-    from symid.identification import Draft, FileExport, GivenResult
+    from symid.identification import FileExport, GivenResult
+    from symid.logs import Draft
     from symid.report import Block
     from symid.robot import Robot
 
@@ -62,8 +64,7 @@ class RobotDraft(Result):
         Raises:
             OutputError: it is no .toml, or cannot be written.
         """
-        from symid.environment import check_suffix
-        from symid.identification.rigid import write_file
+        from symid.environment import check_suffix, write_file
 
         file = Path(path)
         check_suffix(file, "a robot file", (".toml",))
@@ -72,21 +73,15 @@ class RobotDraft(Result):
 
     def summarise(self) -> str:
         """Return name and number of joints."""
-        from symid.report import summarise_draft
-
-        return summarise_draft(self.robot)
+        return report.summarise_draft(self.robot)
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return the robot, and the columns and units of its log."""
-        from symid.report import show_draft
-
-        return show_draft(self.product)
+        return report.show_draft(self.product)
 
     def to_dict(self) -> dict[str, object]:
         """Return robot, joints and log in plain types."""
-        from symid.report import describe_draft
-
-        return describe_draft(self.product)
+        return report.describe_draft(self.product)
 
 
 def new_robot(
@@ -137,7 +132,7 @@ def new_robot(
         >>> draft.text.count("[[joint]]")
         4
     """
-    from symid.identification import DraftOrder, draft_robot
+    from symid.logs import DraftOrder, draft_robot
 
     source = urdf or table or robot
     if source is not None:
@@ -212,25 +207,11 @@ class ExportedFile(Result):
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return what was written and where, and how bodies were found or which laws joints have."""
-        from symid.report import show_export
-
-        return show_export(self.product)
+        return report.show_export(self.product)
 
     def to_dict(self) -> dict[str, object]:
         """Return the file, how bodies were found, and what was left out, in plain types."""
-        from symid.report import describe_export
-
-        return describe_export(self.product)
-
-
-def export_robot(
-    robot: "Robot", path: str | PathLike[str], *, precision: Precision = "double", progress: Progress = ignore
-) -> ExportedFile:
-    """Write the values that the robot file states; see `RobotModel.export`."""
-    progress(f"writing {robot.name}")
-    from symid.identification import write_stated
-
-    return ExportedFile(product=write_stated(robot, Path(path), precision=precision))
+        return report.describe_export(self.product)
 
 
 def export_fit(
@@ -241,28 +222,14 @@ def export_fit(
     precision: Precision = "double",
     progress: Progress = ignore,
 ) -> ExportedFile:
-    """Write a robot with identified values, in the format that the name of the file ends in.
+    """Write a robot with what was identified, a fit or its file; see `Fit.export`.
 
-    Logs show combinations of masses and inertias; of all bodies that have them the nearest to those of the
-    robot file are taken, and only bodies that can exist. Springs are written as found. Friction that was
-    identified by itself goes into robot files, where they have a model of its law.
-
-    Args:
-        robot: that was identified.
-        found: an estimate, rigid or elastic, or a result of friction; itself, or its file.
-        path: of the file, which is written over: .toml, .urdf, .xml or .mjcf (MuJoCo), .h (C) or .json.
-        precision: of the numbers in a C header: that of the generated library.
-        progress: told what begins.
-
-    Raises:
-        UsageError: the format is unknown, or cannot hold this result.
-        EstimateError: the result is of another model, or none that such a file can have.
-        OutputError: the file cannot be written.
+    Springs are written as found. Friction that was identified by itself goes into robot files, where they
+    have a model of its law.
     """
     from symid.identification import (
         build_identified,
         check_format,
-        is_friction,
         read_result,
         write_friction,
         write_identified,
@@ -270,8 +237,8 @@ def export_fit(
     from symid.identification.friction import FrictionIdentification
 
     output = Path(path)
-    check_format(output, precision, friction=is_friction(found))
     result, source = read_result(found)
+    check_format(output, precision, friction=isinstance(result, FrictionIdentification))
     if isinstance(result, FrictionIdentification):
         progress(f"comparing {robot.name} with the model whose friction was identified")
         return ExportedFile(product=write_friction(robot, result, source, output))

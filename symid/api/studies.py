@@ -4,25 +4,19 @@ Robot, how many draws of the noise -> `Study`, or `FrictionTables` for those of 
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar, final
 
-from symid.api.log import LogLike, take_one_log
+from symid import report
 from symid.api.result import Progress, Result, check_count, ignore
 from symid.errors import Notice
 
 if TYPE_CHECKING:
-    from symid.api.robot import RobotModel
     from symid.report import Block
     from symid.study import (
-        CutoffStudy,
-        ElasticStudy,
         FrictionStudy,
-        ManyJointsResult,
-        PrecisionStudy,
-        TrackingStudy,
     )
 
 T_co = TypeVar("T_co", covariant=True)
@@ -71,7 +65,7 @@ class Study(Result, Generic[T_co]):
         return dict(self.described)
 
 
-def _report_count(progress: Progress) -> Callable[[int, int], None]:
+def report_count(progress: Progress) -> Callable[[int, int], None]:
     """Return what tells how many tasks are done, of how many."""
 
     def tell(done: int, whole: int) -> None:
@@ -89,102 +83,6 @@ def list_seeds(seeds: int, seed: int) -> range:
     check_count("seeds", seeds, least=1)
     check_count("seed", seed)
     return range(seed, seed + seeds)
-
-
-def run_precision(model: "RobotModel", seeds: range, jobs: int | None) -> "Study[PrecisionStudy]":
-    """Return errors over the Cramer-Rao bound; see `RobotModel.study_precision`."""
-    from symid.report import show_precision
-    from symid.study import study_precision
-
-    robot = model.description
-    # Made here, with its progress told, before processes look for it.
-    _ = model.library
-    found = study_precision(
-        robot, seeds, backend=model.backend, jobs=jobs, progress=_report_count(model.progress)
-    )
-    return Study(
-        title=f"precision of {robot.name}",
-        product=found,
-        tables=show_precision(found),
-        described=asdict(found),
-        told=robot.notices,
-    )
-
-
-def run_cutoff(model: "RobotModel", log: LogLike) -> "Study[CutoffStudy]":
-    """Return what fits with different cut-offs predict; see `RobotModel.study_cutoff`."""
-    from symid.identification.elastic import build_motor_recording, build_rigid_variant
-    from symid.logs import read_one_log
-    from symid.report import show_cutoff
-    from symid.study import study_cutoff
-
-    robot = model.description
-    recording = read_one_log(take_one_log(log), robot)
-    rigid = build_rigid_variant(robot) if model.elastic else robot
-    library = replace(model, description=rigid).library
-    measured = build_motor_recording(recording, robot)
-    found = study_cutoff(library, measured, robot.processing, progress=_report_count(model.progress))
-    return Study(
-        title=f"cut-off of {robot.name}",
-        product=found,
-        tables=show_cutoff(found),
-        described=asdict(found),
-        told=(*robot.notices, *recording.notices, *library.notices),
-    )
-
-
-def run_elastic(model: "RobotModel", seeds: range, jobs: int | None, *, timed: bool) -> "Study[ElasticStudy]":
-    """Return errors of all methods for elastic joints; see `RobotModel.study_elastic`."""
-    from symid.report import describe_elastic_study, show_elastic_study
-    from symid.study import study_elastic
-
-    robot = model.description
-    _ = model.library
-    found = study_elastic(
-        robot, seeds, backend=model.backend, jobs=jobs, timed=timed, progress=_report_count(model.progress)
-    )
-    return Study(
-        title=f"methods for the elastic joints of {robot.name}",
-        product=found,
-        tables=show_elastic_study(found),
-        described=describe_elastic_study(found, seeds),
-    )
-
-
-def run_tracking(model: "RobotModel", seeds: range, jobs: int | None) -> "Study[TrackingStudy]":
-    """Return how links follow with identified models; see `RobotModel.study_tracking`."""
-    from symid.report import show_tracking
-    from symid.study import study_tracking
-
-    robot = model.description
-    _ = model.library
-    found = study_tracking(
-        robot, seeds, backend=model.backend, jobs=jobs, progress=_report_count(model.progress)
-    )
-    return Study(
-        title=f"tracking of {robot.name}",
-        product=found,
-        tables=show_tracking(found),
-        described=asdict(found),
-    )
-
-
-def run_six_joints(model: "RobotModel", seeds: range) -> "Study[tuple[ManyJointsResult, ...]]":
-    """Return what methods leave of a held-out motion; see `RobotModel.study_six_joints`."""
-    from symid.report import describe_many_joints, show_many_joints
-    from symid.study import SensorCondition, study_many_joints
-
-    robot, library = model.description, model.library
-    found = tuple(
-        study_many_joints(robot, library, condition, seed) for seed in seeds for condition in SensorCondition
-    )
-    return Study(
-        title=f"dynamics of the elastic arm {robot.name}",
-        product=found,
-        tables=tuple(map(show_many_joints, found)),
-        described={"runs": [describe_many_joints(result) for result in found]},
-        told=tuple(dict.fromkeys(notice for result in found for notice in result.notices)),
-    )
 
 
 @final
@@ -214,9 +112,7 @@ class FrictionTables(Result):
         Raises:
             OutputError: the file cannot be written.
         """
-        from symid.report import write_friction_study_report
-
-        return write_friction_study_report(Path(path), self.product)
+        return report.write_page(Path(path), report.build_friction_study_page(self.product))
 
     def summarise(self) -> str:
         """Return how many claims are met."""
@@ -225,9 +121,7 @@ class FrictionTables(Result):
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return all tables, and what is asked of ours."""
-        from symid.report import show_friction_tables
-
-        return show_friction_tables(self.product)
+        return report.show_friction_tables(self.product)
 
     def to_dict(self) -> dict[str, object]:
         """Return the numbers in plain types."""
@@ -265,5 +159,5 @@ def study_friction_tables(
     progress("all estimators on one data set")
     numbers = list_seeds(seeds, seed)
     return FrictionTables(
-        product=study_friction(numbers, jobs=jobs, timed=timed, progress=_report_count(progress))
+        product=study_friction(numbers, jobs=jobs, timed=timed, progress=report_count(progress))
     )

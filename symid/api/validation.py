@@ -10,6 +10,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, final
 
+from symid import report
 from symid.api.result import Figures, Progress, Result, check_positive, ignore
 from symid.errors import Notice, UsageError
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from symid.identification import AnyValidation, Compared, ComparedValue, EstimateSide, GivenResult
     from symid.identification.estimators import Residual
     from symid.identification.rigid import ChiSquare, Diagnosis
-    from symid.report import Block, Page
+    from symid.report import Block, WrittenPage
     from symid.robot import Robot
 
 
@@ -82,15 +83,11 @@ class LogValidation(Result):
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return the headline and the tables of residuals."""
-        from symid.report import show_trial
-
-        return show_trial(self.product)
+        return report.show_trial(self.product)
 
     def to_dict(self) -> dict[str, object]:
         """Return residuals, processing and gate in plain types."""
-        from symid.report import describe_trial
-
-        return {**describe_trial(self.product), "gate": self.gate, "accepted": self.accepted}
+        return {**report.describe_trial(self.product), "gate": self.gate, "accepted": self.accepted}
 
     def figures(self) -> "tuple[Block, ...]":
         """Return measured and predicted torques; of elastic joints their hysteresis loops."""
@@ -98,9 +95,7 @@ class LogValidation(Result):
 
     def plot(self) -> Figures:
         """Return the figures, which show themselves in a notebook; `.save(path)` writes them as SVG."""
-        from symid.report import draw_trial
-
-        return Figures(drawings=draw_trial(self.product))
+        return Figures(drawings=report.draw_trial(self.product))
 
 
 @final
@@ -135,15 +130,11 @@ class FitDiagnosis(Result):
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return what was found, in a few sentences and a table of what the residual follows."""
-        from symid.report import show_diagnosis
-
-        return show_diagnosis(self.product)
+        return report.show_diagnosis(self.product)
 
     def to_dict(self) -> dict[str, object]:
         """Return the diagnosis in plain types."""
-        from symid.report import describe_diagnosis
-
-        return describe_diagnosis(self.product)
+        return report.describe_diagnosis(self.product)
 
 
 @final
@@ -162,7 +153,7 @@ class FitPage(Result):
         'report.html'
     """
 
-    page: "Page"
+    page: "WrittenPage"
 
     @property
     def file(self) -> Path:
@@ -186,21 +177,18 @@ class FitPage(Result):
     def blocks(self) -> "tuple[Block, ...]":
         """Return where the page is, how logs were processed, and the diagnosis."""
         from symid.environment import show_path
-        from symid.report import show_diagnosis
 
         head = "\n".join((f"report: {show_path(self.file)}", *self.page.lines))
-        return (head, *(() if self.diagnosis is None else show_diagnosis(self.diagnosis)))
+        return (head, *(() if self.diagnosis is None else report.show_diagnosis(self.diagnosis)))
 
     def to_dict(self) -> dict[str, object]:
         """Return what was written and tried in plain types."""
-        from symid.report import describe_diagnosis
-
         page = self.page
         found: dict[str, object] = {"robot": page.robot, "file": page.file, "validations": page.sources}
         if page.processing is not None:
             found["processing"] = page.processing
         if page.diagnosis is not None:
-            found["diagnosis"] = describe_diagnosis(page.diagnosis)
+            found["diagnosis"] = report.describe_diagnosis(page.diagnosis)
         return found
 
 
@@ -271,9 +259,7 @@ class Comparison(Result):
     @property
     def notices(self) -> tuple[Notice, ...]:
         """Return what speaks against the deviations, what was left out, how groups may be meant."""
-        from symid.report import warn_comparison
-
-        return warn_comparison(self.ours, self.found)
+        return report.warn_comparison(self.ours, self.found)
 
     @property
     def errors(self) -> tuple[Notice, ...]:
@@ -290,15 +276,11 @@ class Comparison(Result):
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return for every other the values of both sides, counts, chi-square, the largest differences."""
-        from symid.report import show_comparison
-
-        return show_comparison(self.ours, self.found)
+        return report.show_comparison(self.ours, self.found)
 
     def to_dict(self) -> dict[str, object]:
         """Return all values, differences and counts in plain types."""
-        from symid.report import describe_comparison
-
-        return describe_comparison(self.ours, self.found, self.gate, accepted=self.accepted)
+        return report.describe_comparison(self.ours, self.found, self.gate, accepted=self.accepted)
 
 
 def compare_fit(
@@ -314,24 +296,12 @@ def compare_fit(
     gate: float | None = None,
     progress: Progress = ignore,
 ) -> Comparison:
-    """Return an estimate beside others.
-
-    Args:
-        robot: that was identified.
-        estimate: itself, or its file.
-        others: estimates of the same robot, or files of such, or tables (CSV) of values in SI units that
-            somebody else found, in groups of their own: ours are brought to them exactly.
-        name: of tables: the column of names or groups; this and the next by the names of the columns.
-        value: of tables: the column of values.
-        deviation: of tables: the column of standard deviations.
-        deviation_unit: of tables: what deviations are in; by the name of their column.
-        read_as: of tables: groups to read as another sum, such as {"fv5": "fv5 + fvm6"}.
-        gate: the largest acceptable difference in standard deviations.
-        progress: told what begins.
+    """Return an estimate, itself or its file, beside others; see `Fit.compare`.
 
     Raises:
         UsageError: no other is given, or a file twice, or options for tables do not fit.
-        EstimateError: a file cannot be read, is of another model, or has nothing in common.
+        EstimateError: files cannot be read (all of them are named), are of another model, or have nothing in
+            common.
     """
     from symid.identification import (
         build_side,

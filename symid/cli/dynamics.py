@@ -29,7 +29,7 @@ from symid.errors import Notice, UsageError
 
 @click.command("derive", cls=Verb)
 @robot_argument()
-@option("--latex", is_flag=True, group=OUTPUT, help="Print formulas in LaTeX.")
+@option("--latex", OUTPUT, "Print formulas in LaTeX.", is_flag=True)
 @verb
 def derive_command(console: Console, *, robot: NamedRobot, latex: bool) -> Answer:
     """Show how the dynamics come about, from the frames to the torques, and what code of them costs.
@@ -44,13 +44,11 @@ def derive_command(console: Console, *, robot: NamedRobot, latex: bool) -> Answe
 @robot_argument()
 @friction_option
 @option(
-    "--of",
-    "form",
+    "--of form",
+    MODEL,
+    "What is looked at: all torques, the energies, the momentum, or torques at rest.",
     type=click.Choice(("torque", "energy", "momentum", "gravity")),
     default="torque",
-    show_default=True,
-    group=MODEL,
-    help="What is looked at: all torques, the energies, the momentum, or torques at rest.",
 )
 @verb
 def base_command(console: Console, *, robot: NamedRobot, friction: str | None, form: BaseForm) -> Answer:
@@ -68,56 +66,42 @@ def base_command(console: Console, *, robot: NamedRobot, friction: str | None, f
 @robot_argument()
 @option(
     "--target",
+    OUTPUT,
+    "What to write: a C library, a NumPy module, or CasADi functions with their C and a loader.",
     type=click.Choice(("c", "python", "casadi")),
     default="c",
-    show_default=True,
-    group=OUTPUT,
-    help="What to write: a C library, a NumPy module, or CasADi functions with their C and a loader.",
 )
 @option(
     "--precision",
+    OUTPUT,
+    "Type of all numbers in C.",
     type=click.Choice(("double", "float")),
     default="double",
-    show_default=True,
-    group=OUTPUT,
-    help="Type of all numbers in C.",
 )
 @option(
     "--parameters",
+    MODEL,
+    "What functions take: the base parameters beta, or all standard parameters pi.",
     type=click.Choice(("base", "standard")),
     default="base",
-    show_default=True,
-    group=MODEL,
-    help="What functions take: the base parameters beta, or all standard parameters pi.",
 )
 @option(
     "--constant",
+    MODEL,
+    "Bake the robot file's values into the functions, which then take none.",
     is_flag=True,
-    group=MODEL,
-    help="Bake the robot file's values into the functions, which then take none.",
 )
 @option(
     "--trigonometry",
+    OUTPUT,
+    "Sines in C: of all angles at once, in the code itself, or calls of the C library.",
     type=click.Choice(("own", "library")),
     default="own",
-    show_default=True,
-    group=OUTPUT,
-    help="Sines in C: of all angles at once, in the code itself, or calls of the C library.",
 )
 @option(
-    "--function",
-    "names",
-    multiple=True,
-    metavar="NAME",
-    group=OUTPUT,
-    help="Write only this function; may be repeated.",
+    "--function names", OUTPUT, "Write only this function; may be repeated.", multiple=True, metavar="NAME"
 )
-@option(
-    "--friction-laws",
-    is_flag=True,
-    group=OUTPUT,
-    help="Add all static friction laws to the C library.",
-)
+@option("--friction-laws", OUTPUT, "Add all static friction laws to the C library.", is_flag=True)
 @friction_option
 @output_option("Folder of the sources.", required=True, folder=True)
 @force_folder_option

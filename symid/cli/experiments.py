@@ -12,10 +12,12 @@ import click
 
 from symid.cli.call import Answer, Console, make_answer
 from symid.cli.options import (
+    COUNT,
     INPUT,
     METHOD,
     MODEL,
     OUTPUT,
+    POSITIVE,
     FiniteRange,
     NamedRobot,
     Verb,
@@ -32,146 +34,89 @@ from symid.cli.options import (
 from symid.environment import check_suffix, show_path
 from symid.errors import Notice, UsageError
 
-_POSITIVE = FiniteRange(min=0.0, min_open=True)
-_COUNT = click.IntRange(min=1)
 _UNSTATED = "where the robot file states none"
 
 excite_options = add_options(
-    option(
-        "--harmonics",
-        type=_COUNT,
-        default=5,
-        show_default=True,
-        metavar="N",
-        group=METHOD,
-        help="Number of harmonics of each joint.",
-    ),
-    option(
-        "--period",
-        type=_POSITIVE,
-        default=10.0,
-        show_default=True,
-        metavar="S",
-        group=METHOD,
-        help="Length of the trajectory, s.",
-    ),
+    option("--harmonics", METHOD, "Number of harmonics of each joint.", type=COUNT, default=5, metavar="N"),
+    option("--period", METHOD, "Length of the trajectory, s.", type=POSITIVE, default=10.0, metavar="S"),
     option(
         "--criterion",
+        METHOD,
+        "Minimise the condition number of the column-scaled regressor, or maximise the information.",
         type=click.Choice(("condition", "d-optimal")),
         default="condition",
-        show_default=True,
-        group=METHOD,
-        help="Minimise the condition number of the column-scaled regressor, or maximise the information.",
     ),
     option(
         "--weight",
+        METHOD,
+        "Weight of the information beside the condition number, which alone favours tiny motions.",
         type=FiniteRange(min=0.0),
         default=0.1,
-        show_default=True,
-        group=METHOD,
-        help="Weight of the information beside the condition number, which alone favours tiny motions.",
     ),
-    option("--moving", is_flag=True, group=METHOD, help="Let it start and end in motion instead of at rest."),
-    option("--start", metavar="Q1,Q2,...", group=METHOD, help="Pose in which it starts and ends, rad or m."),
+    option("--moving", METHOD, "Let it start and end in motion instead of at rest.", is_flag=True),
+    option("--start", METHOD, "Pose in which it starts and ends, rad or m.", metavar="Q1,Q2,..."),
     option(
         "--share",
+        MODEL,
+        "Part of every limit that may be used.",
         type=FiniteRange(min=0.0, max=1.0, min_open=True),
         default=0.95,
-        show_default=True,
-        group=MODEL,
-        help="Part of every limit that may be used.",
     ),
     option(
         "--sweep",
-        type=_POSITIVE,
+        MODEL,
+        f"Position limit either side of zero {_UNSTATED}, rad or m.",
+        type=POSITIVE,
         default=1.0,
-        show_default=True,
-        group=MODEL,
-        help=f"Position limit either side of zero {_UNSTATED}, rad or m.",
     ),
-    option(
-        "--velocity",
-        type=_POSITIVE,
-        default=2.0,
-        show_default=True,
-        group=MODEL,
-        help=f"Velocity limit {_UNSTATED}, rad/s or m/s.",
-    ),
+    option("--velocity", MODEL, f"Velocity limit {_UNSTATED}, rad/s or m/s.", type=POSITIVE, default=2.0),
     option(
         "--acceleration",
-        type=_POSITIVE,
+        MODEL,
+        f"Acceleration limit {_UNSTATED}, rad/s^2 or m/s^2.",
+        type=POSITIVE,
         default=10.0,
-        show_default=True,
-        group=MODEL,
-        help=f"Acceleration limit {_UNSTATED}, rad/s^2 or m/s^2.",
     ),
-    option(
-        "--jerk",
-        type=_POSITIVE,
-        group=MODEL,
-        help=f"Jerk limit {_UNSTATED}, rad/s^3 or m/s^3.  [default: none]",
-    ),
+    option("--jerk", MODEL, f"Jerk limit {_UNSTATED}, rad/s^3 or m/s^3.  [default: none]", type=POSITIVE),
     option(
         "--workspace",
+        INPUT,
+        "File of spheres and planes that links keep to, .toml.",
         type=click.Path(path_type=Path, exists=True, dir_okay=False),
         metavar="FILE",
-        group=INPUT,
-        help="File of spheres and planes that links keep to, .toml.",
     ),
-    option(
-        "--torsion",
-        type=_POSITIVE,
-        metavar="RAD",
-        group=MODEL,
-        help="Largest torsion of elastic joints, rad or m.",
-    ),
+    option("--torsion", MODEL, "Largest torsion of elastic joints, rad or m.", type=POSITIVE, metavar="RAD"),
     option(
         "--stiffness",
+        MODEL,
+        "Stiffness of all joints for --torsion, in place of the robot file's, N m/rad or N/m.",
         metavar="K1,K2,...",
-        group=MODEL,
-        help="Stiffness of all joints for --torsion, in place of the robot file's, N m/rad or N/m.",
     ),
     option(
         "--deviations",
+        METHOD,
+        "Standard deviations of the torque noise, one a joint, N m or N.  [default: all equal]",
         metavar="S1,S2,...",
-        group=METHOD,
-        help="Standard deviations of the torque noise, one a joint, N m or N.  [default: all equal]",
     ),
     option(
         "--candidates",
-        type=_COUNT,
+        METHOD,
+        "Number of random feasible trajectories to start from, and to beat.",
+        type=COUNT,
         default=1000,
-        show_default=True,
         metavar="N",
-        group=METHOD,
-        help="Number of random feasible trajectories to start from, and to beat.",
     ),
     option(
-        "--starts",
-        type=_COUNT,
-        default=10,
-        show_default=True,
-        metavar="N",
-        group=METHOD,
-        help="Number of candidates that are optimised.",
+        "--starts", METHOD, "Number of candidates that are optimised.", type=COUNT, default=10, metavar="N"
     ),
-    option(
-        "--rate",
-        type=_POSITIVE,
-        default=1000.0,
-        show_default=True,
-        metavar="HZ",
-        group=OUTPUT,
-        help="Sample rate of the file.",
-    ),
+    option("--rate", OUTPUT, "Sample rate of the file.", type=POSITIVE, default=1000.0, metavar="HZ"),
     option(
         "--periods",
-        type=_COUNT,
+        OUTPUT,
+        "How often the file runs through the trajectory.",
+        type=COUNT,
         default=1,
-        show_default=True,
         metavar="N",
-        group=OUTPUT,
-        help="How often the file runs through the trajectory.",
     ),
 )
 
@@ -241,61 +186,60 @@ def _split_numbers(name: str, text: str | None, joints: int) -> Sequence[float] 
 @robot_argument(computes=True)
 @option(
     "--trajectory",
+    METHOD,
+    "fourier, a random Fourier series; ta or tb, published ones; tc, kept for validation; or a "
+    "file of symid excite, .csv.",
     metavar="NAME|FILE",
     default="fourier",
-    show_default=True,
-    group=METHOD,
-    help="fourier, a random Fourier series; ta or tb, published ones; tc, kept for validation; or a file of "
-    "symid excite, .csv.",
 )
 @option(
     "--scale",
-    type=FiniteRange(min=0.0, min_open=True),
+    METHOD,
+    "Factor on the trajectory's amplitudes.",
+    type=POSITIVE,
     default=1.0,
-    show_default=True,
     metavar="FACTOR",
-    group=METHOD,
-    help="Factor on the trajectory's amplitudes.",
 )
 @option(
     "--joint",
-    type=click.IntRange(min=1),
+    METHOD,
+    "Number of the joint that tb moves; those that follow another do not count.",
+    type=COUNT,
     default=1,
-    show_default=True,
-    group=METHOD,
-    help="Number of the joint that tb moves; those that follow another do not count.",
 )
 @option(
     "--duration",
-    type=FiniteRange(min=0.0, min_open=True),
+    METHOD,
+    "Length of the experiment, s.  [default: that of the trajectory]",
+    type=POSITIVE,
     metavar="S",
-    group=METHOD,
-    help="Length of the experiment, s.  [default: that of the trajectory]",
 )
 @option(
     "--noise",
+    MODEL,
+    "Standard deviation of the torque sensors, N m or N.  [default: 0.05; of an elastic robot 2 % "
+    "of each joint's RMS torque]",
     type=FiniteRange(min=0.0),
     metavar="N",
-    group=MODEL,
-    help="Standard deviation of the torque sensors, N m or N.  [default: 0.05; of an elastic robot 2 % of "
-    "each joint's RMS torque]",
 )
-@option("--clean", is_flag=True, group=MODEL, help="Simulate perfect sensors: no noise, no encoder steps.")
+@option("--clean", MODEL, "Simulate perfect sensors: no noise, no encoder steps.", is_flag=True)
 @option(
     "--delay",
+    MODEL,
+    "Elastic robots only: how much later than the motor encoders the link encoders are, s.",
     type=FiniteRange(),
     default=0.0,
     metavar="S",
-    group=MODEL,
-    help="Elastic robots only: how much later than the motor encoders the link encoders are, s.",
+    show_default=False,
 )
 @option(
     "--offset",
+    MODEL,
+    "Elastic robots only: what the link encoders read at zero, rad or m.",
     type=FiniteRange(),
     default=0.0,
     metavar="RAD",
-    group=MODEL,
-    help="Elastic robots only: what the link encoders read at zero, rad or m.",
+    show_default=False,
 )
 @friction_option
 @seed_option

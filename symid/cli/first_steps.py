@@ -8,7 +8,6 @@ check ROBOT [LOG...]: is the robot file right, and which parameters the logs ide
 
 import shlex
 import sys
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -18,10 +17,12 @@ import click
 import symid
 from symid.cli.call import Answer, Console, make_answer
 from symid.cli.options import (
+    FILE,
     INPUT,
     METHOD,
     MODEL,
     OUTPUT,
+    WHOLE,
     NamedRobot,
     Verb,
     backend_option,
@@ -33,6 +34,7 @@ from symid.cli.options import (
     output_option,
     robot_argument,
     set_option,
+    split_pairs,
     split_settings,
     verb,
 )
@@ -53,15 +55,7 @@ def doctor_command(console: Console) -> Answer:
 
 @click.command("demo", cls=Verb)
 @backend_option
-@option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    metavar="N",
-    group=METHOD,
-    help="Random seed.",
-)
+@option("--seed", METHOD, "Random seed.", type=WHOLE, default=0, metavar="N")
 @output_option("Folder for code, logs, estimate and report.  [default: demo]", folder=True)
 @force_folder_option
 @verb
@@ -75,85 +69,52 @@ def demo_command(console: Console, *, backend: str, seed: int, output: Path | No
     return make_answer(symid.demo(folder, seed=seed, backend=backend, force=force, progress=console.progress))
 
 
-_FILE = click.Path(path_type=Path)
-
-
 @click.command("new", cls=Verb)
-@click.argument("file", metavar="ROBOT.toml", type=_FILE)
-@option("--from-urdf", "urdf", metavar="FILE", type=_FILE, group=INPUT, help="Convert a URDF.")
+@click.argument("file", metavar="ROBOT.toml", type=FILE)
+@option("--from-urdf urdf", INPUT, "Convert a URDF.", metavar="FILE", type=FILE)
 @option(
-    "--base",
-    metavar="LINK",
-    group=INPUT,
-    help="URDF only: the link at which the robot starts.  [default: its root]",
+    "--base", INPUT, "URDF only: the link at which the robot starts.  [default: its root]", metavar="LINK"
 )
-@option(
-    "--tip", metavar="LINK", group=INPUT, help="URDF only: the link at which it ends; branches are cut off."
-)
-@option(
-    "--from-dh",
-    "table",
-    metavar="FILE",
-    type=_FILE,
-    group=INPUT,
-    help="Read a CSV table of Denavit-Hartenberg rows.",
-)
-@option(
-    "--convention",
-    type=click.Choice(("modified", "standard")),
-    group=INPUT,
-    help="DH convention of the table.",
-)
+@option("--tip", INPUT, "URDF only: the link at which it ends; branches are cut off.", metavar="LINK")
+@option("--from-dh table", INPUT, "Read a CSV table of Denavit-Hartenberg rows.", metavar="FILE", type=FILE)
+@option("--convention", INPUT, "DH convention of the table.", type=click.Choice(("modified", "standard")))
 @option(
     "--gravity",
+    INPUT,
+    "Gravity in the base frame of the table, m/s^2.  [default: 0,0,-9.81]",
     metavar="X,Y,Z",
-    group=INPUT,
-    help="Gravity in the base frame of the table, m/s^2.  [default: 0,0,-9.81]",
 )
-@option(
-    "--from",
-    "name",
-    metavar="ROBOT",
-    group=INPUT,
-    help="Copy the file of a robot at hand, or convert its URDF.",
-)
+@option("--from name", INPUT, "Copy the file of a robot at hand, or convert its URDF.", metavar="ROBOT")
 @option(
     "--log",
-    type=_FILE,
+    INPUT,
+    "Log of the robot: its columns and their units become the [log] table.",
+    type=FILE,
     metavar="LOG",
-    group=INPUT,
-    help="Log of the robot: its columns and their units become the [log] table.",
 )
 @option(
     "--columns",
+    INPUT,
+    "Columns of a quantity (time, position, torque, velocity), one for each joint.  [default: by "
+    "their names]",
     multiple=True,
     metavar="QUANTITY=NAME,...",
-    group=INPUT,
-    help="Columns of a quantity (time, position, torque, velocity), one for each joint.  [default: by their "
-    "names]",
 )
 @option(
     "--units",
+    INPUT,
+    "Unit of the columns, one for each or one for all, where the log states none or another one.",
     multiple=True,
     metavar="QUANTITY=UNIT,...",
-    group=INPUT,
-    help="Unit of the columns, one for each or one for all, where the log states none or another one.",
 )
 @friction_option
-@option(
-    "--rotors", is_flag=True, group=MODEL, help="Give every drive a rotor whose inertia is to be identified."
-)
-@option(
-    "--gear",
-    metavar="N,...",
-    group=MODEL,
-    help="Motor turns per joint turn, one for each joint or one for all.",
-)
+@option("--rotors", MODEL, "Give every drive a rotor whose inertia is to be identified.", is_flag=True)
+@option("--gear", MODEL, "Motor turns per joint turn, one for each joint or one for all.", metavar="N,...")
 @option(
     "--torque-constant",
+    MODEL,
+    "Torque constant at the motor, N m/A, one for each joint or one for all.",
     metavar="K,...",
-    group=MODEL,
-    help="Torque constant at the motor, N m/A, one for each joint or one for all.",
 )
 @force_option
 @verb
@@ -184,6 +145,7 @@ def new_command(
     """
     _check_suffix(file)
     check_output(file, force=force, inputs=[entry for entry in (urdf, table, log) if entry is not None])
+    code, shape = "usage.quantity", "QUANTITY=..., such as"
     draft = symid.new_robot(
         urdf=urdf,
         base=base,
@@ -193,8 +155,8 @@ def new_command(
         gravity=gravity,
         robot=name,
         log=log,
-        columns=_split_quantities("--columns", columns),
-        units=_split_quantities("--units", units),
+        columns=split_pairs("--columns", columns, f"{shape} --columns position=NAME,NAME", code, once=True),
+        units=split_pairs("--units", units, f"{shape} --units position=deg", code, once=True),
         friction=friction,
         rotors=rotors,
         gear=gear,
@@ -232,41 +194,20 @@ def _check_suffix(file: Path) -> None:
         raise UsageError(Notice(code="usage.suffix", text=text))
 
 
-def _split_quantities(name: str, texts: Sequence[str]) -> dict[str, str]:
-    """Return what an option says of each quantity, from texts such as position=q1,q2.
-
-    Raises:
-        UsageError: a text is not of that form, or a quantity is there twice.
-    """
-    found: dict[str, str] = {}
-    mistakes = []
-    for text in texts:
-        quantity, sign, value = (part.strip() for part in text.partition("="))
-        if not sign:
-            example = "deg" if name == "--units" else "NAME,NAME"
-            mistakes.append(f"{name} {text}: expected QUANTITY=..., such as {name} position={example}")
-        elif quantity in found:
-            mistakes.append(f"{name} {text}: {quantity} is given twice; give it once")
-        found[quantity] = value
-    if mistakes:
-        raise UsageError(*(Notice(code="usage.quantity", text=text) for text in mistakes))
-    return found
-
-
 _TOO_LITTLE = 4
 
 
 @click.command("check", cls=Verb)
 @robot_argument(computes=True)
-@click.argument("logs", nargs=-1, metavar="[LOG]...", type=click.Path(path_type=Path))
+@click.argument("logs", nargs=-1, metavar="[LOG]...", type=FILE)
 @friction_option
 @set_option
 @option(
     "--resample",
-    type=click.Path(path_type=Path),
+    OUTPUT,
+    "Write an evenly sampled copy of the log (.npz or .csv), with its columns, and say what was done.",
+    type=FILE,
     metavar="FILE",
-    group=OUTPUT,
-    help="Write an evenly sampled copy of the log (.npz or .csv), with its columns, and say what was done.",
 )
 @force_option
 @verb

@@ -13,10 +13,13 @@ import click
 from symid.api import METHODS, PayloadEstimator, PayloadRows
 from symid.cli.call import Answer, Console, make_answer
 from symid.cli.options import (
+    FILE,
     INPUT,
     METHOD,
     MODEL,
+    POSITIVE,
     PROCESSING,
+    WHOLE,
     FiniteRange,
     NamedRobot,
     Verb,
@@ -42,151 +45,140 @@ RIGID = ("overlap", "prior", "prior_deviation", "prior_weight", "start", "partia
 ELASTIC = ("tolerance", "thresholds", "knees", "window", "rate")
 FRICTION = ("model", "known", "smoothing", "seed")
 """Names of the options of each kind."""
-_POSITIVE = FiniteRange(min=0.0, min_open=True)
-_COUNT = click.IntRange(min=0)
 
 rows_options = add_options(
     option(
         "--rows",
-        type=click.Choice(("torque", "momentum", "filtered", "power", "energy", "friction")),
-        group=METHOD,
-        help="Equations that measurements become; friction: a friction law for every joint that moves.  "
+        METHOD,
+        "Equations that measurements become; friction: a friction law for every joint that moves.  "
         "[default: torque]",
+        type=click.Choice(("torque", "momentum", "filtered", "power", "energy", "friction")),
     ),
     option(
         "--estimator",
+        METHOD,
+        "How equations become parameters: ols, wls, gls, huber, ridge, consistent, sequential, "
+        "output-error or instrumental; with --rows friction varpro, root-finding, nlp, genetic, "
+        "annealing or differential-evolution.  [default: ols, varpro]",
         metavar="NAME",
-        group=METHOD,
-        help="How equations become parameters: ols, wls, gls, huber, ridge, consistent, sequential, "
-        "output-error or instrumental; with --rows friction varpro, root-finding, nlp, genetic, annealing "
-        "or differential-evolution.  [default: ols, varpro]",
     ),
 )
 rigid_options = add_options(
     option(
         "--partial",
+        METHOD,
+        "Fit what can be identified, even where that is less than three quarters of the parameters.",
         is_flag=True,
-        group=METHOD,
-        help="Fit what can be identified, even where that is less than three quarters of the parameters.",
     ),
     option(
         "--overlap",
+        METHOD,
+        "Momentum and energy rows: part of a window that the next one shares.  [default: 0]",
         type=FiniteRange(min=0.0, max=0.95),
         metavar="PART",
-        group=METHOD,
-        help="Momentum and energy rows: part of a window that the next one shares.  [default: 0]",
     ),
     option(
         "--prior",
+        METHOD,
+        "Ridge: an earlier estimate to stay near to, or robot for the robot file's values.  [default: robot]",
         metavar="ESTIMATE",
-        group=METHOD,
-        help="Ridge: an earlier estimate to stay near to, or robot for the robot file's values.  "
-        "[default: robot]",
     ),
     option(
         "--prior-deviation",
-        type=_POSITIVE,
-        metavar="X",
-        group=METHOD,
-        help="Ridge: how well the prior is known, in percent of the robot file's values, or as a factor on "
+        METHOD,
+        "Ridge: how well the prior is known, in percent of the robot file's values, or as a factor on "
         "an estimate's deviations.  [default: 20 %; 1]",
+        type=POSITIVE,
+        metavar="X",
     ),
     option(
         "--prior-weight",
+        METHOD,
+        "Ridge: 1 to believe the deviations stated, 0 for no prior.  [default: by cross validation]",
         type=FiniteRange(min=0.0),
         metavar="W",
-        group=METHOD,
-        help="Ridge: 1 to believe the deviations stated, 0 for no prior.  [default: by cross validation]",
     ),
     option(
         "--start",
+        METHOD,
+        "Output error and instrumental: an estimate of the same model to begin with.  [default: a fit "
+        "of the same logs]",
         metavar="ESTIMATE",
-        group=METHOD,
-        help="Output error and instrumental: an estimate of the same model to begin with.  "
-        "[default: a fit of the same logs]",
     ),
     option(
         "--period",
-        type=_POSITIVE,
+        PROCESSING,
+        "Period of a repeated motion (s), once or once for each log: average over all periods (--rows "
+        "friction), or take what differs between them as noise (--estimator gls).",
+        type=POSITIVE,
         multiple=True,
         metavar="S",
-        group=PROCESSING,
-        help="Period of a repeated motion (s), once or once for each log: average over all periods (--rows "
-        "friction), or take what differs between them as noise (--estimator gls).",
     ),
 )
 elastic_options = add_options(
     option(
         "--method",
+        METHOD,
+        "Elastic joints: the method; stiffness alone is for any robot.  [default: automatic]",
         type=click.Choice((*METHODS, "stiffness")),
-        group=METHOD,
-        help="Elastic joints: the method; stiffness alone is for any robot.  [default: automatic]",
     ),
     option(
-        "--window",
-        type=_POSITIVE,
-        metavar="S",
-        group=METHOD,
-        help="Length of a momentum, filtered or energy row (s).",
+        "--window", METHOD, "Length of a momentum, filtered or energy row (s).", type=POSITIVE, metavar="S"
     ),
     option(
-        "--tolerance",
-        type=_POSITIVE,
-        group=METHOD,
-        help="Elastic joints: relative change at which an iteration stops.",
+        "--tolerance", METHOD, "Elastic joints: relative change at which an iteration stops.", type=POSITIVE
     ),
     option(
-        "--lambda",
-        "rate",
-        type=_POSITIVE,
+        "--lambda rate",
+        METHOD,
+        "Elastic joints: corner frequency of the first-order filter.",
+        type=POSITIVE,
         metavar="RAD/S",
-        group=METHOD,
-        help="Elastic joints: corner frequency of the first-order filter.",
     ),
     option(
         "--thresholds",
-        type=_COUNT,
+        MODEL,
+        "Elastic joints: number of stops of each joint's hysteresis.",
+        type=WHOLE,
         metavar="N",
-        group=MODEL,
-        help="Elastic joints: number of stops of each joint's hysteresis.",
     ),
     option(
         "--knees",
-        type=_COUNT,
+        MODEL,
+        "Elastic joints: number of knees on each side of a spring.",
+        type=WHOLE,
         metavar="N",
-        group=MODEL,
-        help="Elastic joints: number of knees on each side of a spring.",
     ),
 )
 friction_law_options = add_options(
     option(
         "--model",
-        metavar="NAME",
-        group=MODEL,
-        help="With --rows friction: a law, such as stribeck+offset, or auto, which chooses one by torques "
+        MODEL,
+        "With --rows friction: a law, such as stribeck+offset, or auto, which chooses one by torques "
         "held back.  [default: auto]",
+        metavar="NAME",
     ),
     option(
         "--known",
-        type=click.Path(path_type=Path),
-        metavar="ESTIMATE",
-        group=MODEL,
-        help="With --rows friction: base parameters to subtract, an estimate of other rows.  [default: the "
+        MODEL,
+        "With --rows friction: base parameters to subtract, an estimate of other rows.  [default: the "
         "rigid part is fitted along]",
+        type=FILE,
+        metavar="ESTIMATE",
     ),
     option(
         "--smoothing",
+        MODEL,
+        "With --rows friction: speed over which dry friction changes its sign.  [default: 0]",
         type=FiniteRange(min=0.0),
         metavar="V",
-        group=MODEL,
-        help="With --rows friction: speed over which dry friction changes its sign.  [default: 0]",
     ),
     option(
         "--seed",
-        type=_COUNT,
+        METHOD,
+        "With --rows friction: random seed of a stochastic estimator.",
+        type=WHOLE,
         metavar="N",
-        group=METHOD,
-        help="With --rows friction: random seed of a stochastic estimator.",
     ),
 )
 
@@ -197,7 +189,7 @@ _LAWS = "friction"
 
 @click.command("identify", cls=Verb)
 @robot_argument(computes=True)
-@click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=click.Path(path_type=Path))
+@click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=FILE)
 @processing_options
 @set_option
 @friction_option
@@ -239,9 +231,8 @@ def identify_command(
         laws = model.identify_friction(logs, estimator=estimator, period=period, **law, **shared)
         return _answer_fit(laws, output, "result")
     if method == _STIFFNESS:
-        return _answer_stiffness(
-            model, logs, _list_given(rows, estimator, period, rigid, elastic), shared, output
-        )
+        rest = {"rows": rows, "estimator": estimator, "period": period, **rigid, **elastic}
+        return _answer_stiffness(model, logs, _list_given(rest), shared, output)
     fit = model.identify(
         logs, rows=rows, estimator=estimator, method=method, period=period, **rigid, **elastic, **shared
     )
@@ -256,7 +247,7 @@ def _answer_fit(fit: Any, output: Path | None, what: str) -> Answer:  # noqa: AN
 def _answer_stiffness(
     model: "RobotModel",
     logs: tuple[Path, ...],
-    given: tuple[str, ...],
+    given: list[str],
     shared: Mapping[str, Any],
     output: Path | None,
 ) -> Answer:
@@ -283,16 +274,9 @@ def _select_options(options: Mapping[str, Any], names: tuple[str, ...]) -> dict[
     return {name: options[name] for name in names}
 
 
-def _list_given(
-    rows: str | None,
-    estimator: str | None,
-    period: tuple[float, ...],
-    rigid: Mapping[str, Any],
-    elastic: Mapping[str, Any],
-) -> tuple[str, ...]:
-    """Return the options of rows, estimators and methods that were given."""
-    entries = {"rows": rows, "estimator": estimator, "period": period, **rigid, **elastic}
-    return tuple(_write_option(name) for name, value in entries.items() if value not in (None, (), False))
+def _list_given(options: Mapping[str, object]) -> list[str]:
+    """Return the options that were given, as they are written."""
+    return [_write_option(name) for name, value in options.items() if value not in (None, (), False)]
 
 
 def _write_option(name: str) -> str:
@@ -306,11 +290,7 @@ def _check_mixed(rows: str | None, others: Mapping[str, object], law: Mapping[st
         UsageError: options of one kind with rows of the other.
     """
     asked = rows == _LAWS
-    given = [
-        _write_option(name)
-        for name, value in (others if asked else law).items()
-        if value not in (None, (), False)
-    ]
+    given = _list_given(others if asked else law)
     if given:
         kind = rows or "torque"
         what = "--rows friction" if asked else f"--rows {kind}; they belong to --rows friction"
@@ -320,44 +300,37 @@ def _check_mixed(rows: str | None, others: Mapping[str, object], law: Mapping[st
 
 @click.command("payload", cls=Verb)
 @robot_argument(computes=True)
-@click.argument("loaded", nargs=-1, required=True, metavar="LOADED...", type=click.Path(path_type=Path))
+@click.argument("loaded", nargs=-1, required=True, metavar="LOADED...", type=FILE)
 @option(
     "--empty",
+    INPUT,
+    "Estimate or log without the payload; repeat the option for several logs.",
     multiple=True,
     required=True,
     metavar="EMPTY",
-    type=click.Path(path_type=Path),
-    group=INPUT,
-    help="Estimate or log without the payload; repeat the option for several logs.",
+    type=FILE,
 )
-@option(
-    "--joint",
-    metavar="NAME",
-    group=MODEL,
-    help="Joint whose link carries the payload.  [default: the last joint]",
-)
+@option("--joint", MODEL, "Joint whose link carries the payload.  [default: the last joint]", metavar="NAME")
 @option(
     "--mass",
-    type=FiniteRange(min=0.0, min_open=True),
+    MODEL,
+    "Known mass, for example from a balance: the rest becomes more certain.",
+    type=POSITIVE,
     metavar="KG",
-    group=MODEL,
-    help="Known mass, for example from a balance: the rest becomes more certain.",
 )
 @option(
     "--rows",
+    METHOD,
+    "Equations built from logs: torques, or momentum over windows.",
     type=click.Choice(("torque", "momentum")),
     default="torque",
-    show_default=True,
-    group=METHOD,
-    help="Equations built from logs: torques, or momentum over windows.",
 )
 @option(
     "--estimator",
+    METHOD,
+    "Least squares for logs: ordinary, or weighted by the noise of each joint.",
     type=click.Choice(("ols", "wls")),
     default="wls",
-    show_default=True,
-    group=METHOD,
-    help="Least squares for logs: ordinary, or weighted by the noise of each joint.",
 )
 @output_option("Write the result as JSON.")
 @force_option

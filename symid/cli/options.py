@@ -50,18 +50,35 @@ class NamedRobot:
 
 
 def split_settings(texts: Sequence[str]) -> dict[str, str]:
-    """Return keys and values of KEY=VALUE texts.
+    """Return keys and values of --set KEY=VALUE; a later one wins.
 
     Raises:
         UsageError: a text has no equals sign.
     """
-    pairs = {}
+    expected = "KEY=VALUE, such as processing.filter_cutoff=50"
+    return split_pairs("--set", texts, expected, "usage.bad-setting")
+
+
+def split_pairs(
+    name: str, texts: Sequence[str], expected: str, code: str, *, once: bool = False
+) -> dict[str, str]:
+    """Return what stands left and right of the equals sign in what the option `name` was given.
+
+    Raises:
+        UsageError: with `code`, for each text that is not what was expected, or whose key, which may be there
+            once, was there before.
+    """
+    pairs: dict[str, str] = {}
+    mistakes = []
     for text in texts:
-        key, sign, value = text.partition("=")
-        if not sign or not key.strip():
-            message = f"--set {text}: expected KEY=VALUE, such as processing.filter_cutoff=50"
-            raise UsageError(Notice(code="usage.bad-setting", text=message))
-        pairs[key.strip()] = value.strip()
+        key, sign, value = (part.strip() for part in text.partition("="))
+        if not sign or not key:
+            mistakes.append(f"{name} {text}: expected {expected}")
+        elif once and key in pairs:
+            mistakes.append(f"{name} {text}: {key} is given twice; give it once")
+        pairs[key] = value
+    if mistakes:
+        raise UsageError(*(Notice(code=code, text=mistake) for mistake in mistakes))
     return pairs
 
 
@@ -148,9 +165,22 @@ class FiniteRange(click.FloatRange):
         return number
 
 
-def option(*names: str, group: str = "", **settings: Any) -> Decorator:  # noqa: ANN401  click's own
-    """Return an option that stands in `group` of the help; the rest is click's."""
-    return click.option(*names, cls=_GroupedOption, group=group, **settings)
+POSITIVE = FiniteRange(min=0.0, min_open=True)
+WHOLE, COUNT = click.IntRange(min=0), click.IntRange(min=1)
+FILE = click.Path(path_type=Path)
+
+
+def option(names: str, group: str, meaning: str, **settings: Any) -> Decorator:  # noqa: ANN401  click's own
+    """Return an option that stands in `group` of the help, which shows its default; the rest is click's.
+
+    Args:
+        names: of the option and, where it is another one, of its argument, blanks between them.
+        group: heading of the help.
+        meaning: for the help.
+        settings: such as type, metavar, default.
+    """
+    settings.setdefault("show_default", settings.get("default") is not None)
+    return click.option(*names.split(), cls=_GroupedOption, group=group, help=meaning, **settings)
 
 
 def add_options(*options: Decorator) -> Decorator:
@@ -164,98 +194,67 @@ def add_options(*options: Decorator) -> Decorator:
     return decorate
 
 
-force_option = option(
-    "--force", is_flag=True, group=OUTPUT, help="Overwrite an existing output file, whoever wrote it."
-)
+force_option = option("--force", OUTPUT, "Overwrite an existing output file, whoever wrote it.", is_flag=True)
 force_folder_option = option(
-    "--force",
-    is_flag=True,
-    group=OUTPUT,
-    help="Overwrite what symid wrote before; files of others stay refused.",
+    "--force", OUTPUT, "Overwrite what symid wrote before; files of others stay refused.", is_flag=True
 )
-seed_option = option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=DEFAULT_SEED,
-    show_default=True,
-    group=METHOD,
-    metavar="N",
-    help="Random seed.",
-)
+seed_option = option("--seed", METHOD, "Random seed.", type=WHOLE, default=DEFAULT_SEED, metavar="N")
 friction_option = option(
     "--friction",
+    MODEL,
+    "Friction model of all joints, in place of the robot file's.",
     type=click.Choice(_FRICTION),
-    group=MODEL,
-    help="Friction model of all joints, in place of the robot file's.",
 )
 set_option = option(
-    "--set",
-    "settings",
+    "--set settings",
+    PROCESSING,
+    "Any setting in place of the robot file's, such as processing.filter_cutoff=50.",
     multiple=True,
     metavar="KEY=VALUE",
-    group=PROCESSING,
-    help="Any setting in place of the robot file's, such as processing.filter_cutoff=50.",
 )
 processing_options = add_options(
     option(
         "--cutoff",
-        type=FiniteRange(min=0.0, min_open=True),
+        PROCESSING,
+        "Cut-off frequency of the low-pass filter.",
+        type=POSITIVE,
         metavar="HZ",
-        group=PROCESSING,
-        help="Cut-off frequency of the low-pass filter.",
     ),
-    option(
-        "--decimate",
-        type=click.IntRange(min=1),
-        metavar="N",
-        group=PROCESSING,
-        help="Keep one sample in N.",
-    ),
+    option("--decimate", PROCESSING, "Keep one sample in N.", type=COUNT, metavar="N"),
     option(
         "--drop-first",
-        type=click.IntRange(min=0),
+        PROCESSING,
+        "Number of samples cut off at the start.",
+        type=WHOLE,
         metavar="N",
-        group=PROCESSING,
-        help="Number of samples cut off at the start.",
     ),
     option(
         "--drop-last",
-        type=click.IntRange(min=0),
+        PROCESSING,
+        "Number of samples cut off at the end.",
+        type=WHOLE,
         metavar="N",
-        group=PROCESSING,
-        help="Number of samples cut off at the end.",
     ),
 )
 _CUTS = (
+    option("--base base_link", INPUT, "URDF only: the link at which the robot starts.", metavar="LINK"),
     option(
-        "--base",
-        "base_link",
-        metavar="LINK",
-        group=INPUT,
-        help="URDF only: the link at which the robot starts.",
-    ),
-    option(
-        "--tip",
-        "tip_link",
-        metavar="LINK",
-        group=INPUT,
-        help="URDF only: the link at which it ends; branches are cut off.",
+        "--tip tip_link", INPUT, "URDF only: the link at which it ends; branches are cut off.", metavar="LINK"
     ),
     option(
         "--snap",
+        INPUT,
+        "URDF only: angles this near to a quarter turn become one; 0 for none.  [default: 1e-5]",
         type=FiniteRange(min=0.0, max=0.01),
         metavar="RAD",
-        group=INPUT,
-        help="URDF only: angles this near to a quarter turn become one; 0 for none.  [default: 1e-5]",
     ),
 )
 backend_option = option(
     "--backend",
+    METHOD,
+    "What computes the robot's functions: compiled C, the NumPy module, or code that CasADi generated.",
     type=click.Choice(BACKENDS),
     default=_AUTO,
-    show_default=True,
-    group=METHOD,
-    help="What computes the robot's functions: compiled C, the NumPy module, or code that CasADi generated.",
 )
 
 
@@ -277,7 +276,7 @@ def robot_option(meaning: str, default: str | None = None) -> Decorator:
         default: the robot where none is given; None for none.
     """
     shown = default is not None
-    named = option("--robot", metavar="ROBOT", default=default, show_default=shown, group=INPUT, help=meaning)
+    named = option("--robot", INPUT, meaning, metavar="ROBOT", default=default, show_default=shown)
     return add_options(named, backend_option, *_CUTS, _name_robot)
 
 
@@ -320,17 +319,25 @@ def output_option(meaning: str, *, required: bool = False, folder: bool = False)
     """Return the option -o for a file or folder."""
     kind = click.Path(path_type=Path, file_okay=not folder, dir_okay=folder)
     metavar = "FOLDER" if folder else "FILE"
-    return option("-o", "--output", type=kind, required=required, metavar=metavar, group=OUTPUT, help=meaning)
+    return option("-o --output", OUTPUT, meaning, type=kind, required=required, metavar=metavar)
+
+
+def build_flags(group: str, *, exposed: bool = True) -> Decorator:
+    """Return the flags that all verbs have; `exposed` is whether the verb gets them."""
+    flags = (
+        ("--json as_json", "Print one JSON object on stdout."),
+        ("-q --quiet", "No progress and no warnings."),
+        ("-v --verbose", "More progress; a traceback when symid fails."),
+    )
+    return add_options(
+        *(option(name, group, text, is_flag=True, expose_value=exposed) for name, text in flags)
+    )
 
 
 def verb(function: Callable[..., Answer]) -> Callable[..., Answer]:
     """Give a verb the options that all have, and its console in place of them."""
 
-    @option("--json", "as_json", is_flag=True, group=OUTPUT, help="Print one JSON object on stdout.")
-    @option("-q", "--quiet", is_flag=True, group=OUTPUT, help="No progress and no warnings.")
-    @option(
-        "-v", "--verbose", is_flag=True, group=OUTPUT, help="More progress; a traceback when symid fails."
-    )
+    @build_flags(OUTPUT)
     @functools.wraps(function)
     def call(*, as_json: bool, quiet: bool, verbose: bool, **options: object) -> Answer:
         # The answer is printed by `main`, which reads --json and -q for itself: it must print errors too.

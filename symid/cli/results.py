@@ -16,11 +16,13 @@ import symid
 from symid.api import ElasticFit, Fit, LogValidation, Precision, RigidFit, compare_fit, export_fit
 from symid.cli.call import Answer, Console, make_answer
 from symid.cli.options import (
+    FILE,
     INPUT,
     METHOD,
     OUTPUT,
+    POSITIVE,
     PROCESSING,
-    FiniteRange,
+    WHOLE,
     NamedRobot,
     Verb,
     check_output,
@@ -38,43 +40,43 @@ from symid.errors import Notice, UsageError
 
 @click.command("validate", cls=Verb)
 @robot_argument(computes=True)
-@click.argument("estimate", type=click.Path(path_type=Path))
-@click.argument("log", type=click.Path(path_type=Path))
+@click.argument("estimate", type=FILE)
+@click.argument("log", type=FILE)
 @option(
     "--gate",
-    type=FiniteRange(min=0.0, min_open=True),
+    OUTPUT,
+    "Largest acceptable mean of the joints' relative residuals; of elastic joints, in each table.",
+    type=POSITIVE,
     metavar="PERCENT",
-    group=OUTPUT,
-    help="Largest acceptable mean of the joints' relative residuals; of elastic joints, in each table.",
 )
 @option(
     "--band",
-    type=FiniteRange(min=0.0, min_open=True),
+    PROCESSING,
+    "Compare torques at the full sample rate, both low-passed alike at HZ, without half a second "
+    "at either end; the gate is of that figure.",
+    type=POSITIVE,
     metavar="HZ",
-    group=PROCESSING,
-    help="Compare torques at the full sample rate, both low-passed alike at HZ, without half a second at "
-    "either end; the gate is of that figure.",
 )
 @option(
     "--tracking",
-    is_flag=True,
-    group=METHOD,
-    help="Elastic joints: simulate how links follow another motion with feed-forward of ESTIMATE; the "
+    METHOD,
+    "Elastic joints: simulate how links follow another motion with feed-forward of ESTIMATE; the "
     "robot file must state the true values.",
+    is_flag=True,
 )
 @option(
     "--against",
-    type=click.Path(path_type=Path),
+    METHOD,
+    "With --tracking: a second estimate to compare with.",
+    type=FILE,
     metavar="ESTIMATE",
-    group=METHOD,
-    help="With --tracking: a second estimate to compare with.",
 )
 @option(
     "--seed",
-    type=click.IntRange(min=0),
+    METHOD,
+    "With --tracking: follow a random motion of this seed.  [default: tc for two joints, else 1]",
+    type=WHOLE,
     metavar="N",
-    group=METHOD,
-    help="With --tracking: follow a random motion of this seed.  [default: tc for two joints, else 1]",
 )
 @set_option
 @verb
@@ -138,35 +140,30 @@ def _load_elastic(path: Path) -> ElasticFit:
 
 @click.command("compare", cls=Verb)
 @robot_argument()
-@click.argument("estimate", type=click.Path(path_type=Path))
-@click.argument("others", nargs=-1, required=True, metavar="OTHER...", type=click.Path(path_type=Path))
-@option("--name", metavar="COLUMN", group=INPUT, help="Table column of names or groups.")
-@option("--value", metavar="COLUMN", group=INPUT, help="Table column of values.")
-@option(
-    "--deviation",
-    metavar="COLUMN",
-    group=INPUT,
-    help="Table column of standard deviations.",
-)
+@click.argument("estimate", type=FILE)
+@click.argument("others", nargs=-1, required=True, metavar="OTHER...", type=FILE)
+@option("--name", INPUT, "Table column of names or groups.", metavar="COLUMN")
+@option("--value", INPUT, "Table column of values.", metavar="COLUMN")
+@option("--deviation", INPUT, "Table column of standard deviations.", metavar="COLUMN")
 @option(
     "--deviation-unit",
+    INPUT,
+    "Unit of the table's standard deviations.  [default: by the name of their column]",
     type=click.Choice(("absolute", "percent")),
-    group=INPUT,
-    help="Unit of the table's standard deviations.  [default: by the name of their column]",
 )
 @option(
     "--read-as",
+    INPUT,
+    'Read a group of a table as another sum, such as "fv5 = fv5 + fvm6".',
     multiple=True,
     metavar="GROUP=SUM",
-    group=INPUT,
-    help='Read a group of a table as another sum, such as "fv5 = fv5 + fvm6".',
 )
 @option(
     "--gate",
-    type=FiniteRange(min=0.0, min_open=True),
+    METHOD,
+    "Largest acceptable difference, in standard deviations.",
+    type=POSITIVE,
     metavar="SIGMA",
-    group=METHOD,
-    help="Largest acceptable difference, in standard deviations.",
 )
 @verb
 def compare_command(
@@ -224,22 +221,21 @@ def _split_readings(texts: Sequence[str]) -> dict[str, str]:
 
 
 @click.command("report", cls=Verb)
-@click.argument("estimate", type=click.Path(path_type=Path))
+@click.argument("estimate", type=FILE)
 @option(
-    "--validation",
-    "logs",
+    "--validation logs",
+    INPUT,
+    "Held-out log to predict; may be repeated.",
     multiple=True,
     metavar="LOG",
-    type=click.Path(path_type=Path),
-    group=INPUT,
-    help="Held-out log to predict; may be repeated.",
+    type=FILE,
 )
 @option(
     "--diagnose",
-    is_flag=True,
-    group=METHOD,
-    help="Read the logs of the fit again: identifiability, essential parameters, bootstrap, drift, and "
+    METHOD,
+    "Read the logs of the fit again: identifiability, essential parameters, bootstrap, drift, and "
     "which term the residual misses.",
+    is_flag=True,
 )
 @robot_option("Robot of the logs.  [default: the name in ESTIMATE]")
 @set_option
@@ -280,15 +276,14 @@ def report_command(
 
 @click.command("export", cls=Verb)
 @robot_argument()
-@click.argument("estimate", required=False, type=click.Path(path_type=Path))
+@click.argument("estimate", required=False, type=FILE)
 @output_option("File to write: .toml, .urdf, .xml or .mjcf (MuJoCo), .h (C), .json.", required=True)
 @option(
     "--precision",
+    OUTPUT,
+    "Type of the numbers in a C header: that of the generated library.",
     type=click.Choice(("double", "float")),
     default="double",
-    show_default=True,
-    group=OUTPUT,
-    help="Type of the numbers in a C header: that of the generated library.",
 )
 @force_option
 @verb

@@ -7,13 +7,17 @@ import click
 import symid
 from symid.cli.call import Answer, Console, make_answer
 from symid.cli.options import (
+    COUNT,
     DEFAULT_SEED,
+    FILE,
     METHOD,
     OUTPUT,
+    WHOLE,
     Decorator,
     NamedRobot,
     Verb,
     add_options,
+    build_flags,
     check_output,
     force_option,
     option,
@@ -54,22 +58,13 @@ def _runs_options(seeds: int, seed: int = DEFAULT_SEED, *, jobs: bool = True) ->
     options = (
         option(
             "--seeds",
-            type=click.IntRange(min=1),
+            METHOD,
+            "Number of draws of the noise, from --seed on.",
+            type=COUNT,
             default=seeds,
-            show_default=True,
             metavar="N",
-            group=METHOD,
-            help="Number of draws of the noise, from --seed on.",
         ),
-        option(
-            "--seed",
-            type=click.IntRange(min=0),
-            default=seed,
-            show_default=True,
-            metavar="N",
-            group=METHOD,
-            help="First random seed.",
-        ),
+        option("--seed", METHOD, "First random seed.", type=WHOLE, default=seed, metavar="N"),
     )
     if not jobs:
         return add_options(*options)
@@ -77,33 +72,21 @@ def _runs_options(seeds: int, seed: int = DEFAULT_SEED, *, jobs: bool = True) ->
         *options,
         option(
             "--jobs",
-            type=click.IntRange(min=1),
+            METHOD,
+            "Number of processes.  [default: one a core]",
+            type=COUNT,
             metavar="N",
-            group=METHOD,
-            help="Number of processes.  [default: one a core]",
         ),
     )
 
 
 _times_option = option(
-    "--times",
-    is_flag=True,
-    group=OUTPUT,
-    help="Show how long each method took, which differs from run to run.",
+    "--times", OUTPUT, "Show how long each method took, which differs from run to run.", is_flag=True
 )
 
 
 @click.group("study", cls=_Studies, subcommand_metavar="NAME [ARGS]...")
-@option("--json", "_as_json", is_flag=True, expose_value=False, help="Print one JSON object on stdout.")
-@option("-q", "--quiet", "_quiet", is_flag=True, expose_value=False, help="No progress and no warnings.")
-@option(
-    "-v",
-    "--verbose",
-    "_verbose",
-    is_flag=True,
-    expose_value=False,
-    help="More progress; a traceback when symid fails.",
-)
+@build_flags("", exposed=False)
 def study_command() -> None:
     """Compare methods on simulated robots whose truth is known.
 
@@ -180,7 +163,7 @@ def _precision(console: Console, *, robot: NamedRobot, seeds: int, seed: int, jo
 
 @study_command.command("cutoff", cls=Verb)
 @robot_argument(computes=True)
-@click.argument("log", type=click.Path(path_type=Path))
+@click.argument("log", type=FILE)
 @verb
 def _cutoff(console: Console, *, robot: NamedRobot, log: Path) -> Answer:
     """What the cut-off of the position filter does to what a fit predicts."""

@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from symid.codegen.c_friction import generate_friction_state as generate_friction_state
     from symid.codegen.cache import (
         locate_cache_folder as locate_cache_folder,
         prepare_library as prepare_library,
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
         PlantExperiment as PlantExperiment,
         PlantLog as PlantLog,
         PlantRobot as PlantRobot,
-        freeze_fields as freeze_fields,
         has_addresses as has_addresses,
         load_plant_code as load_plant_code,
     )

@@ -14,46 +14,19 @@ Not supported: several joints in one state; each joint has its own.
 import math
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 from symid.codegen.functions import FunctionSpec, Port
 from symid.codegen.material import BANNER
 from symid.codegen.printing import FunctionBody, print_c, write_c_helper, write_literal
 from symid.codegen.programs import ExpressionTable, Program, ValueAlgebra
 from symid.codegen.source_text import clean_text, write_template
-from symid.joint_models import DynamicLaw, FrictionLaw, LawParameter, compute_bristle_step
+from symid.joint_models import DynamicLaw, FrictionLaw, compute_bristle_step
 
 _INPUT_UNITS = {"velocity": "rad/s or m/s", "load": "N m or N", "position": "rad or m"}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrictionFunction:
-    """One law in C."""
-
-    name: str
-    lines: tuple[str, ...]
-    declaration: str
-    statements: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrictionHeaderContext:
-    """friction.h.jinja."""
-
-    banner: str
-    file: str
-    macro: str
-    functions: tuple[FrictionFunction, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrictionContext:
-    """friction.c.jinja."""
-
-    banner: str
-    file: str
-    helpers: tuple[str, ...]
-    functions: tuple[FrictionFunction, ...]
+Fields = dict[str, object]
+"""One entry of a list in a template."""
 
 
 def build_law_program(law: FrictionLaw) -> Program:
@@ -67,7 +40,6 @@ def build_law_program(law: FrictionLaw) -> Program:
     torque = algebra.zero
     for factor, column in zip(own[:count], law.columns(algebra, inputs, own[count:]), strict=True):
         torque = algebra.add(torque, algebra.mul(factor, column))
-    instructions, outputs = table.collect([[torque]])
     spec = FunctionSpec(
         name=_build_law_name(law),
         inputs=(
@@ -77,7 +49,7 @@ def build_law_program(law: FrictionLaw) -> Program:
         outputs=(Port(name="tau", shape=(1,), unit="N m", meaning="friction torque"),),
         meaning=law.formula,
     )
-    return Program(spec=spec, instructions=instructions, outputs=outputs)
+    return table.build_program(spec, [[torque]])
 
 
 def _combine_parameters(algebra: ValueAlgebra, row: Sequence[int], values: Sequence[int]) -> int:
@@ -101,13 +73,6 @@ def _write_return(body: FunctionBody) -> tuple[str, ...]:
     return *statements[:-1], "return " + statements[-1].removeprefix("tau[0] = ")
 
 
-def _describe_parameter(k: int, parameter: LawParameter) -> str:
-    unit = parameter.unit
-    if unit != parameter.unit_prismatic:
-        unit = f"{unit} or {parameter.unit_prismatic}"
-    return clean_text(f"p[{k}] {parameter.name} ({unit}): {parameter.meaning}")
-
-
 def _describe_law(law: FrictionLaw) -> Iterator[str]:
     yield f"@brief {clean_text(law.formula)}"
     yield ""
@@ -117,19 +82,21 @@ def _describe_law(law: FrictionLaw) -> Iterator[str]:
     for name in law.inputs:
         yield f"@param [in] {name} {_INPUT_UNITS[name]}"
     yield f"@param [in] p {len(law.physical)} parameters"
-    yield from (f"  {_describe_parameter(k, parameter)}" for k, parameter in enumerate(law.physical))
+    for k, parameter in enumerate(law.physical):
+        other = f" or {parameter.unit_prismatic}" if parameter.unit != parameter.unit_prismatic else ""
+        yield "  " + clean_text(f"p[{k}] {parameter.name} ({parameter.unit}{other}): {parameter.meaning}")
     yield "@return friction torque, N m or N, positive against positive velocity"
 
 
-def _write_law_function(law: FrictionLaw, body: FunctionBody, prefix: str, real: str) -> FrictionFunction:
+def _describe_function(law: FrictionLaw, body: FunctionBody, prefix: str, real: str) -> Fields:
     inputs = "".join(f"{real} {name}, " for name in law.inputs)
     name = f"{prefix}_friction_{_build_law_name(law)}"
-    return FrictionFunction(
-        name=name,
-        lines=tuple(f" {line}".rstrip() for line in _describe_law(law)),
-        declaration=f"{real} {name}({inputs}const {real} p[{len(law.physical)}])",
-        statements=_write_return(body),
-    )
+    return {
+        "name": name,
+        "lines": [f" {line}".rstrip() for line in _describe_law(law)],
+        "declaration": f"{real} {name}({inputs}const {real} p[{len(law.physical)}])",
+        "statements": _write_return(body),
+    }
 
 
 def generate_friction_laws(
@@ -143,56 +110,23 @@ def generate_friction_laws(
         precision: "double" or "float".
     """
     bodies = [print_c(build_law_program(law), precision) for law in laws]
-    functions = tuple(
-        _write_law_function(law, body, prefix, precision) for law, body in zip(laws, bodies, strict=True)
-    )
     helpers = sorted({name for body in bodies for name in body.helpers})
     file = f"{prefix}_friction_laws"
-    header = FrictionHeaderContext(banner=BANNER, file=file, macro=file.upper(), functions=functions)
-    source = FrictionContext(
-        banner=BANNER,
-        file=file,
-        helpers=tuple(write_c_helper(name, precision) for name in helpers),
-        functions=functions,
-    )
+    facts = {
+        "banner": BANNER,
+        "file": file,
+        "functions": [
+            _describe_function(law, body, prefix, precision) for law, body in zip(laws, bodies, strict=True)
+        ],
+    }
+    helper_texts = [write_c_helper(name, precision) for name in helpers]
     return (
-        (f"{file}.h", write_template("c/friction.h.jinja", header)),
-        (f"{file}.c", write_template("c/friction.c.jinja", source)),
+        (f"{file}.h", write_template("c/friction.h.jinja", facts, macro=file.upper())),
+        (f"{file}.c", write_template("c/friction.c.jinja", facts, helpers=helper_texts)),
     )
 
 
 _LAW_BANNER = "Generated by symid. Do not edit: change the law or the template, and write it again."
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrictionStateHeaderContext:
-    """friction_state.h.jinja."""
-
-    banner: str
-    prefix: str
-    macro: str
-    real: str
-    law: str
-    formula: str
-    parameter_lines: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrictionStateContext:
-    """friction_state.c.jinja."""
-
-    banner: str
-    prefix: str
-    macro: str
-    real: str
-    zero: str
-    size: str
-    largest: str
-    parameter_count: int
-    parameters: str
-    helpers: tuple[str, ...]
-    checks: tuple[str, ...]
-    statements: tuple[str, ...]
 
 
 def build_step_program(law: DynamicLaw) -> Program:
@@ -202,7 +136,6 @@ def build_step_program(law: DynamicLaw) -> Program:
     values = [table.input(0, k) for k in range(len(law.parameters))]
     held = (table.input(1, 0), table.input(1, 1))
     step = compute_bristle_step(algebra, law, held, table.input(2, 0), values)
-    instructions, outputs = table.collect([[value] for value in step])
     spec = FunctionSpec(
         name=f"{law.name}_step",
         inputs=(
@@ -216,23 +149,18 @@ def build_step_program(law: DynamicLaw) -> Program:
         ),
         meaning=law.formula,
     )
-    return Program(spec=spec, instructions=instructions, outputs=outputs)
+    return table.build_program(spec, [[value] for value in step])
 
 
-def _write_checks(law: DynamicLaw, real: str) -> tuple[str, ...]:
+def _write_checks(law: DynamicLaw, real: str, largest: str) -> list[str]:
     """Return the conditions that the parameters meet; a NaN meets none."""
     checks = []
     for parameter in law.parameters:
         relation = ">=" if parameter.lower_is_allowed else ">"
         checks.append(f"p->{parameter.name} {relation} {write_literal(parameter.lower, real)}")
-        bounded = math.isfinite(parameter.upper)
-        upper = write_literal(parameter.upper, real) if bounded else _get_largest_literal(real)
+        upper = write_literal(parameter.upper, real) if math.isfinite(parameter.upper) else largest
         checks.append(f"p->{parameter.name} <= {upper}")
-    return tuple(checks)
-
-
-def _get_largest_literal(real: str) -> str:
-    return "FLT_MAX" if real == "float" else "DBL_MAX"
+    return checks
 
 
 def generate_friction_state(law: DynamicLaw, *, precision: str = "double") -> tuple[tuple[str, str], ...]:
@@ -244,32 +172,32 @@ def generate_friction_state(law: DynamicLaw, *, precision: str = "double") -> tu
     """
     prefix = f"symid_friction_{law.name}"
     body = print_c(build_step_program(law), precision)
+    largest = "FLT_MAX" if precision == "float" else "DBL_MAX"
     units = [f"{parameter.unit} ({parameter.unit_prismatic})" for parameter in law.parameters]
     pairs = zip(law.parameters, units, strict=True)
-    header = FrictionStateHeaderContext(
-        banner=_LAW_BANNER,
-        prefix=prefix,
-        macro=prefix.upper(),
-        real=precision,
+    facts = {
+        "banner": _LAW_BANNER,
+        "prefix": prefix,
+        "macro": prefix.upper(),
+        "real": precision,
+    }
+    header = write_template(
+        "c/friction_state.h.jinja",
+        facts,
         law=law.name,
         formula=clean_text(law.formula),
-        parameter_lines=tuple(f"{entry.name}; /**< {entry.meaning}, {unit} */" for entry, unit in pairs),
+        parameter_lines=[f"{entry.name}; /**< {entry.meaning}, {unit} */" for entry, unit in pairs],
     )
-    source = FrictionStateContext(
-        banner=_LAW_BANNER,
-        prefix=prefix,
-        macro=prefix.upper(),
-        real=precision,
+    source = write_template(
+        "c/friction_state.c.jinja",
+        facts,
         zero=write_literal(0.0, precision),
         size="fabsf" if precision == "float" else "fabs",
-        largest=_get_largest_literal(precision),
+        largest=largest,
         parameter_count=len(law.parameters),
         parameters=", ".join(f"state->parameters.{name}" for name in law.names),
-        helpers=tuple(write_c_helper(name, precision) for name in body.helpers),
-        checks=_write_checks(law, precision),
+        helpers=[write_c_helper(name, precision) for name in body.helpers],
+        checks=_write_checks(law, precision, largest),
         statements=body.statements,
     )
-    return (
-        (f"{prefix}.h", write_template("c/friction_state.h.jinja", header)),
-        (f"{prefix}.c", write_template("c/friction_state.c.jinja", source)),
-    )
+    return ((f"{prefix}.h", header), (f"{prefix}.c", source))

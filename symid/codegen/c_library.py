@@ -1,6 +1,6 @@
 """A C99 library that stands alone: header, one file a function, self-test, example, build files.
 
-Functions -> programs and reference values -> contexts -> templates -> `SourceSet`.
+Functions -> programs and reference values -> templates -> `SourceSet`.
 
 A private header has numbers side by side (SIMD), and sine and cosine of several angles at once:
 
@@ -10,12 +10,9 @@ S and C are minimax polynomials on |r| <= pi/4 (Remez 1934), found in 60 digits 
 sin r and cos r as weight, and rounded one coefficient after another, the others fitted again each time. In
 exact arithmetic they err by less than 2^-57 (double) and 2^-27 (float).
 
-A library in the cache also holds the extension module by which Python calls it (see `calls`).
-
-Supported: double and float; one sample and batches; compilers with vector types of GCC, and C99 without
-them.
+Supported: double and float; one sample and batches; compilers with vector types of GCC, and C99 without.
 Not supported: compilers without C99 arrays of stated size (of Microsoft's, use clang-cl); the extension
-module of float libraries.
+module by which Python calls the library (see `calls`), for float.
 """
 
 import re
@@ -25,16 +22,8 @@ from symid import __version__
 from symid.codegen.c_friction import generate_friction_laws
 from symid.codegen.c_programs import (
     TOLERANCES,
-    CMakeContext,
-    FunctionContext,
-    HeaderContext,
-    HeaderFunction,
-    InfoContext,
-    MakefileContext,
-    PackageContext,
-    ReadmeContext,
-    build_self_test,
     write_control_loop,
+    write_self_test,
     write_state_header,
     write_state_source,
 )
@@ -48,30 +37,8 @@ from symid.codegen.source_folder import SourceSet, compute_digest
 from symid.codegen.source_text import GenerateOptions, write_template
 from symid.joint_models import FRICTION_LAWS
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SimdContext:
-    """lanes.h.jinja."""
-
-    banner: str
-    macro: str
-    real: str
-    bits: str
-    suffix: str
-    limit: str
-    limit_literal: str
-    avx_lanes: int
-    sse_lanes: int
-    two_over_pi: str
-    shifter: str
-    exponent: str
-    reduced: str
-    polynomial_lines: tuple[str, ...]
-    sign_shift: int
-    magnitude: str
-    eight_lines: tuple[str, ...]
-    four_lines: tuple[str, ...]
-    two_lines: tuple[str, ...]
+Fields = dict[str, object]
+"""One entry of a list in a template."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -186,8 +153,9 @@ def write_simd_header(macro: str, precision: str) -> str:
     """Return the header for a library whose macros begin with `macro`."""
     kind = _NUMBER_KINDS[precision]
     double = precision == "double"
-    context = SimdContext(
-        banner=BANNER,
+    return write_template(
+        "c/lanes.h.jinja",
+        {"banner": BANNER},
         macro=macro,
         real=precision,
         bits=f"uint{kind.bits}_t",
@@ -207,83 +175,48 @@ def write_simd_header(macro: str, precision: str) -> str:
         four_lines=_write_block_store(4),
         two_lines=_write_block_store(2),
     )
-    return write_template("c/lanes.h.jinja", context)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CallFunction:
-    """One function: its name, its arguments out of one array of pointers, and what stands behind these."""
-
-    name: str
-    arguments: str
-    inputs: int
-    outputs: int
-    ports: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CallContext:
-    """python_call.c.jinja."""
-
-    banner: str
-    prefix: str
-    most_ports: int
-    most_axes: int
-    functions: tuple[CallFunction, ...]
-
-
-def _describe_call_port(port: Port) -> str:
-    return f"{{{len(port.shape)}, {{{', '.join(map(str, port.shape)) or 0}}}, {port.size}}}"
-
-
-def _describe_call(spec: FunctionSpec) -> CallFunction:
+def _describe_call(spec: FunctionSpec) -> Fields:
+    """Return the arguments out of one array of pointers, and what stands behind these."""
     ports = (*spec.inputs, *spec.outputs)
-    return CallFunction(
-        name=spec.name,
-        arguments=", ".join(f"pointers[{k}]" for k in range(len(ports))),
-        inputs=len(spec.inputs),
-        outputs=len(spec.outputs),
-        ports=", ".join(map(_describe_call_port, ports)),
-    )
+    shapes = [(port, ", ".join(map(str, port.shape)) or 0) for port in ports]
+    return {
+        "name": spec.name,
+        "arguments": ", ".join(f"pointers[{k}]" for k in range(len(ports))),
+        "inputs": len(spec.inputs),
+        "outputs": len(spec.outputs),
+        "ports": ", ".join(f"{{{len(port.shape)}, {{{shape}}}, {port.size}}}" for port, shape in shapes),
+    }
 
 
 def write_python_call(card: ModelCard, prefix: str) -> str:
     """Return the C source of the calls from Python of all functions of the card."""
     ports = [(*spec.inputs, *spec.outputs) for spec in card.functions]
-    context = CallContext(
-        banner=BANNER,
-        prefix=prefix,
+    return write_template(
+        "c/python_call.c.jinja",
+        {"banner": BANNER, "prefix": prefix},
         most_ports=max(map(len, ports)),
         most_axes=max(1, *(len(port.shape) for several in ports for port in several)),
-        functions=tuple(map(_describe_call, card.functions)),
+        functions=list(map(_describe_call, card.functions)),
     )
-    return write_template("c/python_call.c.jinja", context)
 
 
 _SIMD_HEADER = "_lanes.h"
 """End of the name of the header that is not installed."""
 
 
-def _build_macro_prefix(material: Material) -> str:
-    return material.prefix.upper()
-
-
-def _declare(spec: FunctionSpec, real: str, *, restrict: bool) -> str:
-    mark = "restrict " if restrict else ""
-    inputs = [f"const {real} {port.name}[{mark}{max(port.size, 1)}]" for port in spec.inputs]
-    return ", ".join(inputs + [f"{real} {port.name}[{mark}{max(port.size, 1)}]" for port in spec.outputs])
-
-
-def _declare_batch(spec: FunctionSpec, real: str, *, restrict: bool) -> str:
+def _declare(spec: FunctionSpec, real: str, *, restrict: bool, batch: bool) -> str:
+    """Return the parameters of a function in C, of one sample or of a batch."""
     mark = "restrict " if restrict else ""
 
     def declare(port: Port) -> str:
-        if port.shared:
-            return f"const {real} {port.name}[{mark}{max(port.size, 1)}]"
-        return f"const {real} *{mark}{port.name}"
+        if batch and not port.shared:
+            return f"{real} *{mark}{port.name}"
+        return f"{real} {port.name}[{mark}{max(port.size, 1)}]"
 
-    outputs = [f"{real} *{mark}{port.name}" for port in spec.outputs]
-    return ", ".join(["size_t n", *map(declare, spec.inputs), *outputs])
+    inputs = [f"const {declare(port)}" for port in spec.inputs]
+    return ", ".join([*(["size_t n"] if batch else []), *inputs, *map(declare, spec.outputs)])
 
 
 def _describe_port(port: Port, direction: str) -> str:
@@ -292,42 +225,32 @@ def _describe_port(port: Port, direction: str) -> str:
     return f"[{direction}] {port.name} {port.meaning}: {shape}, {port.unit}{note}"
 
 
-def _describe_function(program: Program, count: Operations, real: str) -> HeaderFunction:
+def _describe_function(program: Program, count: Operations, real: str) -> Fields:
     spec = program.spec
     described = [_describe_port(port, "in") for port in spec.inputs]
-    return HeaderFunction(
-        name=spec.name,
-        meaning=spec.meaning,
-        parameters=tuple(described + [_describe_port(port, "out") for port in spec.outputs]),
-        operations=write_operations(count),
-        declaration=_declare(spec, real, restrict=False),
-        batch_declaration=_declare_batch(spec, real, restrict=False),
-    )
+    return {
+        "name": spec.name,
+        "meaning": spec.meaning,
+        "parameters": described + [_describe_port(port, "out") for port in spec.outputs],
+        "operations": write_operations(count),
+        "declaration": _declare(spec, real, restrict=False, batch=False),
+        "batch_declaration": _declare(spec, real, restrict=False, batch=True),
+    }
 
 
 def _write_header(material: Material) -> str:
     card, real = material.card, material.options.precision
     described = zip(material.programs, material.operations, strict=True)
-    context = HeaderContext(
-        banner=BANNER,
-        prefix=material.prefix,
-        macro=_build_macro_prefix(material),
-        robot=material.robot,
-        extent=material.extent,
-        joint_count=card.size,
+    return material.write(
+        "c/header.h.jinja",
         link_count=card.links,
         beta_count=len(card.beta),
         beta_macro=card.vector.upper(),
-        beta_title=material.beta_title,
         friction_count=len(card.friction),
-        joint_lines=material.joint_lines,
-        beta_lines=material.beta_lines,
-        friction_lines=material.friction_lines,
-        elastic_lines=tuple(f" {line}".rstrip() for line in material.elastic_lines),
-        functions=tuple(_describe_function(program, count, real) for program, count in described),
+        elastic_lines=[f" {line}".rstrip() for line in material.elastic_lines],
+        functions=[_describe_function(program, count, real) for program, count in described],
         state_lines=write_state_header(material),
     )
-    return write_template("c/header.h.jinja", context)
 
 
 def _list_includes(prefix: str, statements: tuple[str, ...], lanes: tuple[str, ...]) -> tuple[str, ...]:
@@ -363,57 +286,41 @@ def _write_function(material: Material, program: Program) -> str:
     body = print_c(program, real, together=own)
     lanes = print_simd(program, real) if own else ()
     ports = (*spec.inputs, *spec.outputs)
-    helpers = tuple(write_c_helper(name, real) for name in body.helpers)
-    context = FunctionContext(
-        banner=BANNER,
-        prefix=material.prefix,
-        macro=_build_macro_prefix(material),
+    return material.write(
+        "c/function.c.jinja",
         name=spec.name,
         includes=_list_includes(material.prefix, body.statements, lanes),
-        helpers=helpers,
-        definition=_declare(spec, real, restrict=True),
-        batch_definition=_declare_batch(spec, real, restrict=True),
+        helpers=[write_c_helper(name, real) for name in body.helpers],
+        definition=_declare(spec, real, restrict=True, batch=False),
+        batch_definition=_declare(spec, real, restrict=True, batch=True),
         null_test=" || ".join(f"{port.name} == NULL" for port in ports),
         statements=body.statements,
-        lane_lines=_write_simd_loop(_build_macro_prefix(material), lanes),
+        lane_lines=_write_simd_loop(material.prefix.upper(), lanes),
         call=", ".join(port.name if port.shared else f"{port.name} + {port.size} * k" for port in ports),
     )
-    return write_template("c/function.c.jinja", context)
 
 
 def _write_sources(material: Material) -> list[tuple[str, str]]:
-    prefix = material.prefix
+    prefix, real = material.prefix, material.options.precision
     written = ((program.spec.name, _write_function(material, program)) for program in material.programs)
     functions = [(f"{prefix}_{name}.c", text) for name, text in written]
     functions += write_state_source(material)
-    laws = _write_friction_laws(material)
+    laws: tuple[tuple[str, str], ...] = ()
+    if material.options.friction_laws:
+        laws = generate_friction_laws(tuple(FRICTION_LAWS.values()), prefix=prefix, precision=real)
     functions += [(path, text) for path, text in laws if path.endswith(".c")]
-    header = (f"{prefix}.h", _write_header(material))
-    wanted = any(f'"{prefix}{_SIMD_HEADER}"' in text for _, text in functions)
-    lanes = write_simd_header(_build_macro_prefix(material), material.options.precision) if wanted else ""
-    headers = [(path, text) for path, text in laws if path.endswith(".h")]
-    headers += [(f"{prefix}{_SIMD_HEADER}", lanes)] if wanted else []
-    info = InfoContext(
-        banner=BANNER,
+    headers = [(f"{prefix}.h", _write_header(material))]
+    headers += [(path, text) for path, text in laws if path.endswith(".h")]
+    if any(f'"{prefix}{_SIMD_HEADER}"' in text for _, text in functions):
+        headers.append((f"{prefix}{_SIMD_HEADER}", write_simd_header(prefix.upper(), real)))
+    digest = compute_build_digest(
+        material.card,
         prefix=prefix,
-        version=__version__,
-        signature=material.card.signature,
-        digest=compute_build_digest(
-            material.card,
-            prefix=prefix,
-            precision=material.options.precision,
-            files={path: compute_digest(text.encode()) for path, text in (header, *headers, *functions)},
-        ),
+        precision=real,
+        files={path: compute_digest(text.encode()) for path, text in (*headers, *functions)},
     )
     # In the order in which an update moves them in: a folder that holds a new function holds the new digest.
-    return [header, *headers, (f"{prefix}_info.c", write_template("c/info.c.jinja", info)), *functions]
-
-
-def _write_friction_laws(material: Material) -> tuple[tuple[str, str], ...]:
-    if not material.options.friction_laws:
-        return ()
-    laws = tuple(FRICTION_LAWS.values())
-    return generate_friction_laws(laws, prefix=material.prefix, precision=material.options.precision)
+    return [*headers, (f"{prefix}_info.c", material.write("c/info.c.jinja", digest=digest)), *functions]
 
 
 def _write_build_files(
@@ -426,43 +333,17 @@ def _write_build_files(
     # CMake knows numbers alone: 1.2.3.dev4 is 1.2.3.
     numbers = re.match(r"\d+(\.\d+)*", __version__)
     version = numbers.group() if numbers else "0"
-    make = MakefileContext(
-        banner=BANNER,
-        prefix=prefix,
+    make = material.write(
+        "c/Makefile.jinja",
         objects=" ".join(source.removesuffix(".c") + ".o" for source in sources),
         headers=" ".join(headers),
         example_target="".join(f" {program}" for program in programs[1:]),
     )
-    cmake = CMakeContext(
-        banner=BANNER,
-        prefix=prefix,
-        cmake_version=version,
-        headers=public,
-        sources=sources,
-        programs=programs,
+    cmake = material.write(
+        "c/CMakeLists.txt.jinja", cmake_version=version, headers=public, sources=sources, programs=programs
     )
-    package = PackageContext(prefix=prefix, robot=material.robot, cmake_version=version)
-    return [
-        ("Makefile", write_template("c/Makefile.jinja", make)),
-        ("CMakeLists.txt", write_template("c/CMakeLists.txt.jinja", cmake)),
-        (f"{prefix}.pc.in", write_template("c/package.pc.in.jinja", package)),
-    ]
-
-
-def _write_readme(material: Material, tolerance: str) -> str:
-    rows = (
-        f"{program.spec.name} | {count.mul} | {count.add} | {count.trig}"
-        for program, count in zip(material.programs, material.operations, strict=True)
-    )
-    context = ReadmeContext(
-        prefix=material.prefix,
-        robot=material.robot,
-        real=material.options.precision,
-        version=__version__,
-        tolerance=tolerance,
-        rows=tuple(rows),
-    )
-    return write_template("c/README.md.jinja", context)
+    package = material.write("c/package.pc.in.jinja", cmake_version=version)
+    return [("Makefile", make), ("CMakeLists.txt", cmake), (f"{prefix}.pc.in", package)]
 
 
 def generate_c_library(functions: Functions, options: GenerateOptions | None = None) -> SourceSet:
@@ -474,16 +355,20 @@ def generate_c_library(functions: Functions, options: GenerateOptions | None = N
     material = prepare_material(functions, options or GenerateOptions())
     tolerance = TOLERANCES[material.options.precision]
     sources = _write_sources(material)
-    programs = [("selftest", write_template("c/selftest.c.jinja", build_self_test(material, tolerance)))]
+    programs = [("selftest", write_self_test(material, tolerance))]
     example = write_control_loop(material)
     if example is not None:
         programs.append(("control_loop", example))
+    rows = [
+        f"{program.spec.name} | {count.mul} | {count.add} | {count.trig}"
+        for program, count in zip(material.programs, material.operations, strict=True)
+    ]
     names = tuple(path for path, _ in sources)
     files = [
         *sources,
         *((f"{name}.c", text) for name, text in programs),
         *_write_build_files(material, names, tuple(name for name, _ in programs)),
-        ("README.md", _write_readme(material, tolerance)),
+        ("README.md", material.write("c/README.md.jinja", tolerance=tolerance, rows=rows)),
     ]
     manifest = write_manifest(material, "c", files)
     return SourceSet(name=material.prefix, files=tuple(files), manifest=manifest)

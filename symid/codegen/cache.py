@@ -1,23 +1,19 @@
-"""Compiled libraries kept in the user's cache folder, found again by a signature of all that went into them.
+"""What was compiled is kept in the user's cache folder, found again by a signature of all that went into it.
 
-Robot -> `Library`, from the cache or made now.
+Robot -> `Library`, from the cache or made now. `CacheEntry` -> whatever is loaded from it.
 
-The signature covers what of the robot its functions depend on (not limits, motors, logs, prose), the
-versions of symid, CasADi and SymPy, the bytes of the templates and of the modules that derive and print,
-the compiler and its flags, the machine with its processor, for which code is made. An entry is a folder
-that appears by one rename; it is used only if every file in it still has the digest noted when it was
-made, nobody but the user owns or may write it, and it loads. Else it is made again, and a notice says why.
-
-What is in such a folder is run. A digest beside a file tells of accidents, not of malice: who can write
-the one can write the other. So owner and permissions are checked: of the folder, of each entry, and of all
-in it.
+The signature of a library covers what of the robot its functions depend on (not limits, motors, logs,
+prose), the versions of symid, CasADi and SymPy, the bytes of the templates, of the kernel and of the rooms
+that describe, derive and print, the compiler and its flags, the machine with its processor. An entry is a
+folder that appears by one rename. What is in it is run, and a digest beside a file tells of accidents, not
+of malice: so an entry is used only if every file still has its digest, nobody but the user owns or may
+write it, and it loads. Else it is made again, and a notice says why.
 
 Supported: the XDG base directory specification; users without a home, who get a private temporary folder;
 several processes at once; machines without a compiler, which get the NumPy module or CasADi's virtual
 machine; one cache for machines of many kinds.
-Not supported: removal of old entries (the folder may be deleted at any time); a temporary folder that
-somebody else made or may write (another one is made then); guarding against who may write to the folders
-above the cache, against the user, or against root.
+Not supported: removal of old entries (the folder may be deleted at any time); guarding against who may
+write to the folders above the cache, against the user, or against root.
 """
 
 import contextlib
@@ -30,24 +26,24 @@ import stat
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Generic, TypeVar
 
 from symid import __version__
 from symid.codegen.calls import choose_call_path
 from symid.codegen.compiler import CANDIDATES, Compiler, compile_sources, diagnose_compiler, locate_compiler
-from symid.codegen.library import Library, Loaded, load_library
-from symid.codegen.source_folder import MANIFEST, compute_digest, write_sources
+from symid.codegen.library import Library, load_library
+from symid.codegen.source_folder import compute_digest, write_sources
 from symid.codegen.source_text import BACKENDS, build_library_prefix, read_template_bytes
 from symid.errors import GenerationError, Notice, OutputError, UsageError
 from symid.robot import Joint, Limits, LogMap, Processing, Robot
 from symid.serialization import compute_signature
 
-if TYPE_CHECKING:
-    from symid.codegen.casadi_functions import Functions
+T = TypeVar("T")
 
 _WRITE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 _SECONDS_A_DAY = 86400.0
@@ -75,12 +71,6 @@ def locate_cache_folder() -> Path:
     return locate_user_folder() or _get_temporary_folder()
 
 
-def _is_private(folder: Path, user: int) -> bool:
-    found = folder.lstat()
-    others = stat.S_IMODE(found.st_mode) & (stat.S_IRWXG | stat.S_IRWXO)
-    return stat.S_ISDIR(found.st_mode) and found.st_uid == user and not others
-
-
 def make_temporary_folder() -> Path:
     """Return this user's own folder among the temporary ones; what is loaded from it nobody else wrote.
 
@@ -91,7 +81,7 @@ def make_temporary_folder() -> Path:
     try:
         folder.mkdir(mode=stat.S_IRWXU)
     except FileExistsError:
-        if not _is_private(folder, os.getuid()) or not os.access(folder, os.W_OK):
+        if not folder.is_dir() or describe_path_risk(folder) or not os.access(folder, os.W_OK):
             return Path(tempfile.mkdtemp(prefix="symid-"))
     return folder
 
@@ -127,15 +117,7 @@ def describe_entry_risk(entry: Path) -> str:
     return next((f"{path.relative_to(entry)} {weakness}" for path, weakness in weak if weakness), "")
 
 
-def restrict_folder(folder: Path) -> None:
-    """Take from others the right to write to the user's cache folder, if it is there and can be."""
-    with contextlib.suppress(OSError):
-        found = folder.stat()
-        if found.st_mode & _WRITE_BY_OTHERS and found.st_uid == os.getuid():
-            folder.chmod(stat.S_IMODE(found.st_mode) & ~_WRITE_BY_OTHERS)
-
-
-def make_cache_folder(folder: Path) -> None:
+def _make_cache_folder(folder: Path) -> None:
     """Make the folder of the cache, closed to others, if it is not there.
 
     Raises:
@@ -152,14 +134,14 @@ def make_cache_folder(folder: Path) -> None:
         raise OutputError(Notice(code="output.cache", text=text, file=str(folder)))
 
 
-def restrict_entry(entry: Path) -> None:
+def _restrict_entry(entry: Path) -> None:
     """Take from others the right to write to an entry, which a user's umask may have left them."""
     entry.chmod(stat.S_IRWXU)
     for path in entry.rglob("*"):
         path.chmod(stat.S_IMODE(path.stat().st_mode) & ~_WRITE_BY_OTHERS)
 
 
-def remove_entry(path: Path) -> None:
+def _remove_entry(path: Path) -> None:
     """Move what is at `path` out of the way, then remove it: nobody sees half of it."""
     aside = path.parent / f".old-{secrets.token_hex(6)}"
     with contextlib.suppress(FileNotFoundError):
@@ -170,7 +152,7 @@ def remove_entry(path: Path) -> None:
             aside.unlink()
 
 
-def remove_leftovers(folder: Path) -> None:
+def _remove_leftovers(folder: Path) -> None:
     """Remove what processes that were killed left behind a day ago or more."""
     for path in (*folder.glob(".new-*"), *folder.glob(".old-*")):
         with contextlib.suppress(OSError):
@@ -184,18 +166,134 @@ _PACKAGE = Path(__file__).resolve().parent.parent
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _LibraryRequest:
-    """What is to be made, and by what."""
+class CacheEntry(Generic[T]):
+    """What a folder of the cache holds.
 
-    robot: Robot
-    names: tuple[str, ...] | None
-    compiler: Compiler | None
-    progress: Callable[[str], None]
-    casadi: bool = False
+    Args:
+        name: of what is in it, for the folder's name.
+        key: signature of all that it is made from.
+        make: writes it into a folder that is not there yet.
+        load: reads it; SymidError where that cannot be.
+    """
+
+    name: str
+    key: str
+    make: Callable[[Path], None]
+    load: Callable[[Path], T]
 
 
-# A library, and what a user should know of how it was come by.
-_ObtainedLibrary = tuple[Loaded, tuple[Notice, ...]]
+def _read_digests(folder: Path) -> dict[str, str]:
+    paths = sorted(path for path in folder.rglob("*") if path.is_file() and path.name != _SEAL)
+    return {path.relative_to(folder).as_posix(): compute_digest(path.read_bytes()) for path in paths}
+
+
+def _describe_damage(place: Path, key: str) -> str:
+    """Return what is wrong with the entry at `place`, or nothing."""
+    try:
+        if distrust := describe_entry_risk(place):
+            return distrust
+        seal: object = json.loads((place / _SEAL).read_text(encoding="utf-8"))
+        found = _read_digests(place)
+    except (OSError, ValueError) as error:
+        return f"its seal cannot be read ({type(error).__name__})"
+    if not isinstance(seal, dict) or seal.get("key") != key:
+        return "it belongs to other inputs"
+    listed = seal.get("files")
+    if not isinstance(listed, dict) or not listed:
+        return "its seal lists no files"
+    changed = sorted(path for path in listed.keys() | found.keys() if listed.get(path) != found.get(path))
+    return f"changed since it was made: {', '.join(changed)}" if changed else ""
+
+
+def _store_entry(entry: CacheEntry[T], place: Path) -> None:
+    """Make the entry beside its place, and move it there by one rename."""
+    staging = place.parent / f".new-{secrets.token_hex(6)}"
+    try:
+        entry.make(staging)
+        seal = {"key": entry.key, "files": _read_digests(staging)}
+        (staging / _SEAL).write_text(json.dumps(seal, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+        _restrict_entry(staging)
+        try:
+            staging.rename(place)
+        except OSError:
+            # Another process may have been faster: what it made is as good.
+            if _describe_damage(place, entry.key):
+                raise
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+
+
+def _load_or_make(entry: CacheEntry[T], place: Path) -> tuple[T, str]:
+    """Return what is at `place`, made if it has to be, and what was wrong with the one before."""
+    damage = ""
+    if os.path.lexists(place) and not (damage := _describe_damage(place, entry.key)):
+        try:
+            return entry.load(place), ""
+        except (GenerationError, UsageError) as error:
+            # It is as its seal says; but whoever can write an entry can write its seal.
+            damage = str(error)
+    tries = 3
+    while True:
+        _remove_entry(place)
+        _remove_leftovers(place.parent)
+        _store_entry(entry, place)
+        try:
+            return entry.load(place), damage
+        except (GenerationError, UsageError):
+            # Another process that had found the damage too may just have cleared this entry away.
+            tries -= 1
+            if not tries or place.is_dir():
+                raise
+
+
+def _obtain_from(entry: CacheEntry[T], folder: Path) -> tuple[T, tuple[Notice, ...]]:
+    place = folder / f"{entry.name}-{entry.key[:24]}"
+    try:
+        _make_cache_folder(folder)
+        found, damage = _load_or_make(entry, place)
+    except OSError as error:
+        text = f"the cache folder cannot be written: {error.strerror or error}"
+        raise OutputError(Notice(code="output.cache", text=text, file=str(folder))) from error
+    if not damage:
+        return found, ()
+    text = f"the cached library was not used and made again: {damage}"
+    return found, (Notice(code="codegen.cache-rebuilt", text=text, file=str(place)),)
+
+
+def obtain_entry(entry: CacheEntry[T], cache: Path | None) -> tuple[T, tuple[Notice, ...]]:
+    """Return what is loaded from an entry, found or made now, and what a user should know of that.
+
+    Args:
+        entry: what is wanted.
+        cache: folder of the cache; None for the user's, and if that cannot be written, a temporary one, of
+            which a notice tells.
+
+    Raises:
+        OutputError: the folder `cache`, or the temporary one, cannot be written.
+    """
+    if cache is not None:
+        return _obtain_from(entry, cache)
+    folder = locate_user_folder()
+    if folder is None:
+        reason = "there is no home folder to keep compiled libraries in"
+    else:
+        with contextlib.suppress(OSError):
+            found = folder.stat()
+            # It is symid's own, but the umask of many users lets their group write to what they make.
+            if found.st_mode & _WRITE_BY_OTHERS and found.st_uid == os.getuid():
+                folder.chmod(stat.S_IMODE(found.st_mode) & ~_WRITE_BY_OTHERS)
+        try:
+            return _obtain_from(entry, folder)
+        except OutputError as error:
+            reason = str(error)
+    try:
+        temporary = make_temporary_folder()
+    except OSError as error:
+        text = f"{reason}; nor is there a place for temporary files: {error.strerror or error}"
+        raise OutputError(Notice(code="output.cache", text=text)) from error
+    loaded, notices = _obtain_from(entry, temporary)
+    text = f"{reason}; libraries are kept in this temporary folder; set XDG_CACHE_HOME to a folder of yours"
+    return loaded, (Notice(code="codegen.cache-temporary", text=text, file=str(temporary)), *notices)
 
 
 def _get_package_version(package: str) -> str:
@@ -266,158 +364,55 @@ def compute_library_key(
     )
 
 
-def _read_digests(folder: Path) -> dict[str, str]:
-    paths = sorted(path for path in folder.rglob("*") if path.is_file() and path.name != _SEAL)
-    return {path.relative_to(folder).as_posix(): compute_digest(path.read_bytes()) for path in paths}
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _LibraryRequest:
+    """What is to be made, and by what."""
+
+    robot: Robot
+    names: tuple[str, ...] | None
+    compiler: Compiler | None
+    progress: Callable[[str], None]
+    casadi: bool = False
 
 
-def _describe_damage(entry: Path, key: str) -> str:
-    """Return what is wrong with `entry`, or nothing."""
-    try:
-        if distrust := describe_entry_risk(entry):
-            return distrust
-        seal: Mapping[str, object] = json.loads((entry / _SEAL).read_text(encoding="utf-8"))
-        found = _read_digests(entry)
-    except (OSError, ValueError) as error:
-        return f"its seal cannot be read ({type(error).__name__})"
-    if not isinstance(seal, dict) or seal.get("key") != key:
-        return "it belongs to other inputs"
-    listed = seal.get("files")
-    if not isinstance(listed, dict) or MANIFEST not in listed:
-        return "its seal lists no manifest"
-    changed = sorted(path for path in listed.keys() | found.keys() if listed.get(path) != found.get(path))
-    return f"changed since it was made: {', '.join(changed)}" if changed else ""
-
-
-def _make_entry(order: _LibraryRequest, folder: Path, key: str) -> None:
+def _make_library(order: _LibraryRequest, folder: Path) -> None:
     # Imported here: a library that is found needs neither CasADi nor SymPy.
     from symid.codegen.c_library import generate_c_library, write_python_call
     from symid.codegen.casadi_functions import build_functions
-    from symid.codegen.python_targets import generate_python_module
+    from symid.codegen.python_targets import (
+        generate_casadi_target,
+        generate_python_module,
+        list_casadi_sources,
+    )
 
     order.progress(f"deriving the dynamics of {order.robot.name}")
     functions = build_functions(order.robot, names=order.names)
+    prefix = build_library_prefix(order.robot.name)
+    flags: tuple[str, ...] = ()
     if order.casadi:
-        _make_casadi_entry(order, functions, folder)
+        order.progress("writing CasADi functions and their C")
+        write_sources(generate_casadi_target(functions), folder)
+        # Without Jacobians, which nobody asks a `Library` for.
+        sources, binary = [folder / path for path in list_casadi_sources(prefix)], f"lib{prefix}_casadi.so"
     elif order.compiler is None:
         order.progress("writing the NumPy module")
         write_sources(generate_python_module(functions), folder)
     else:
         order.progress("writing C")
-        prefix = build_library_prefix(order.robot.name)
         paths = write_sources(generate_c_library(functions), folder)
         sources = [path for path in paths if path.suffix == ".c" and path.name.startswith(f"{prefix}_")]
-        flags = choose_call_path().flags
+        binary, flags = f"lib{prefix}.so", choose_call_path().flags
         if flags:
             sources.append(folder / "python_call.c")
             sources[-1].write_text(write_python_call(functions.card, prefix), encoding="utf-8")
+    if order.compiler is not None:
         order.progress(f"compiling with {order.compiler.path}")
         compiler = replace(order.compiler, flags=(*order.compiler.flags, *flags))
-        compile_sources(compiler, sources, folder / f"lib{prefix}.so")
-    seal = {"key": key, "files": _read_digests(folder)}
-    (folder / _SEAL).write_text(json.dumps(seal, indent=1, sort_keys=True) + "\n", encoding="utf-8")
-    restrict_entry(folder)
-
-
-def _make_casadi_entry(order: _LibraryRequest, functions: "Functions", folder: Path) -> None:
-    """Write what CasADi loads; compiled without Jacobians, which nobody asks a `Library` for."""
-    from symid.codegen.python_targets import generate_casadi_target, list_casadi_sources
-
-    order.progress("writing CasADi functions and their C")
-    write_sources(generate_casadi_target(functions), folder)
-    if order.compiler is not None:
-        prefix = build_library_prefix(order.robot.name)
-        order.progress(f"compiling with {order.compiler.path}")
-        sources = [folder / path for path in list_casadi_sources(prefix)]
-        compile_sources(order.compiler, sources, folder / f"lib{prefix}_casadi.so")
-
-
-def _store_entry(order: _LibraryRequest, entry: Path, key: str) -> None:
-    staging = entry.parent / f".new-{secrets.token_hex(6)}"
-    try:
-        _make_entry(order, staging, key)
-        try:
-            staging.rename(entry)
-        except OSError:
-            # Another process may have been faster: what it made is as good.
-            if _describe_damage(entry, key):
-                raise
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
-
-
-def _make_library(order: _LibraryRequest, entry: Path, key: str, tries: int = 3) -> Loaded:
-    remove_entry(entry)
-    remove_leftovers(entry.parent)
-    _store_entry(order, entry, key)
-    try:
-        return load_library(entry)
-    except (GenerationError, UsageError):
-        # Another process that had found the damage too may just have cleared this entry away.
-        if tries <= 1 or entry.is_dir():
-            raise
-    return _make_library(order, entry, key, tries - 1)
-
-
-def _obtain_library(order: _LibraryRequest, entry: Path, key: str) -> tuple[Loaded, str]:
-    """Return the library in `entry`, made if it has to be, and what was wrong with the one before."""
-    damage = ""
-    if os.path.lexists(entry) and not (damage := _describe_damage(entry, key)):
-        try:
-            return load_library(entry), ""
-        except (GenerationError, UsageError) as error:
-            # It is as its seal says; but whoever can write an entry can write its seal.
-            damage = str(error)
-    return _make_library(order, entry, key), damage
-
-
-def _obtain_entry(order: _LibraryRequest, folder: Path, key: str) -> _ObtainedLibrary:
-    entry = folder / f"{build_library_prefix(order.robot.name)}-{key[:24]}"
-    try:
-        make_cache_folder(folder)
-        library, damage = _obtain_library(order, entry, key)
-    except OSError as error:
-        text = f"the cache folder cannot be written: {error.strerror or error}"
-        raise OutputError(Notice(code="output.cache", text=text, file=str(folder))) from error
-    if not damage:
-        return library, ()
-    text = f"the cached library was not used and made again: {damage}"
-    return library, (Notice(code="codegen.cache-rebuilt", text=text, file=str(entry)),)
-
-
-def _obtain_temporary(order: _LibraryRequest, key: str, reason: str) -> _ObtainedLibrary:
-    try:
-        folder = make_temporary_folder()
-    except OSError as error:
-        text = f"{reason}; nor is there a place for temporary files: {error.strerror or error}"
-        raise OutputError(Notice(code="output.cache", text=text)) from error
-    library, notices = _obtain_entry(order, folder, key)
-    text = f"{reason}; libraries are kept in this temporary folder; set XDG_CACHE_HOME to a folder of yours"
-    return library, (Notice(code="codegen.cache-temporary", text=text, file=str(folder)), *notices)
-
-
-def _obtain_from_user_cache(order: _LibraryRequest, key: str) -> _ObtainedLibrary:
-    """Return the library from the cache of the user; with a notice from a temporary one, if need be."""
-    folder = locate_user_folder()
-    if folder is None:
-        reason = "there is no home folder to keep compiled libraries in"
-    else:
-        # It is symid's own, but the umask of many users lets their group write to what they make.
-        restrict_folder(folder)
-        try:
-            return _obtain_entry(order, folder, key)
-        except OutputError as error:
-            reason = str(error)
-    return _obtain_temporary(order, key, reason)
+        compile_sources(compiler, sources, folder / binary)
 
 
 _FALLBACKS = {"auto": "the NumPy module", "casadi": "CasADi's virtual machine"}
 """What serves without a compiler, by backend; where nothing does, that is an error."""
-
-
-def _describe_missing_compiler(wanted: str | None) -> str:
-    names = f"the C compiler {wanted!r}" if wanted else f"a C compiler ({', '.join(CANDIDATES)})"
-    return f"{names} was not found"
 
 
 def _fall_back(order: _LibraryRequest, backend: str, cache: Path | None, code: str, reason: str) -> Library:
@@ -426,7 +421,7 @@ def _fall_back(order: _LibraryRequest, backend: str, cache: Path | None, code: s
         text = f"{reason}; give another backend than {backend!r}, or see `symid doctor`"
         raise GenerationError(Notice(code=code, text=text))
     text = f"{reason}; {_FALLBACKS[backend]} is used, which is slower"
-    return _load_or_make(replace(order, compiler=None), cache, Notice(code=code, text=text))
+    return _obtain_library(replace(order, compiler=None), cache, Notice(code=code, text=text))
 
 
 def prepare_library(
@@ -469,11 +464,12 @@ def prepare_library(
         casadi=backend == "casadi",
     )
     if backend == "python":
-        return _load_or_make(order, cache)
+        return _obtain_library(order, cache)
     if found is None:
-        return _fall_back(order, backend, cache, "codegen.no-compiler", _describe_missing_compiler(compiler))
+        missing = f"the C compiler {compiler!r}" if compiler else f"a C compiler ({', '.join(CANDIDATES)})"
+        return _fall_back(order, backend, cache, "codegen.no-compiler", f"{missing} was not found")
     try:
-        return _load_or_make(order, cache)
+        return _obtain_library(order, cache)
     except GenerationError:
         fault = diagnose_compiler(found)
         if not fault:
@@ -483,9 +479,11 @@ def prepare_library(
     return _fall_back(order, backend, cache, "codegen.compiler-unusable", reason)
 
 
-def _load_or_make(order: _LibraryRequest, cache: Path | None, *notices: Notice) -> Library:
+def _obtain_library(order: _LibraryRequest, cache: Path | None, *notices: Notice) -> Library:
     calls = "" if order.casadi else choose_call_path().name
     key = compute_library_key(order.robot, order.names, order.compiler, calls=calls, casadi=order.casadi)
-    library, more = _obtain_from_user_cache(order, key) if cache is None else _obtain_entry(order, cache, key)
+    name = build_library_prefix(order.robot.name)
+    entry = CacheEntry(name=name, key=key, make=partial(_make_library, order), load=load_library)
+    library, more = obtain_entry(entry, cache)
     library.notices = (*more, *notices)
     return library

@@ -2,10 +2,8 @@
 
 Model card, name of a function, what a caller gave -> float64 arrays, row-major.
 Shared library with the extension module of `python_call.c` in it -> the module: functions of CPython
-without copies and without ctypes in a call.
-
-The extension uses two public interfaces: Python's limited API, the same for every version from 3.11, and
-NumPy's for arrays. Where their headers are not installed, calls go through ctypes.
+without copies. It uses Python's limited API, the same for every version from 3.11, and NumPy's for arrays;
+where their headers are not installed, calls go through ctypes.
 
 Supported: anything that NumPy reads as real numbers, one sample or a batch; extensions for CPython with
 its global lock, which a call holds, in double precision.
@@ -34,7 +32,8 @@ from symid.errors import GenerationError, Notice, UsageError
 REAL_KINDS = "biuf"
 _DOUBLE = np.dtype(np.float64)
 
-Call = Callable[..., tuple[FloatArray, ...]]
+Arrays = tuple[FloatArray, ...]
+Call = Callable[..., Arrays]
 
 
 def get_spec(card: ModelCard, name: str) -> FunctionSpec:
@@ -69,7 +68,7 @@ def _convert_input(card: ModelCard, spec: FunctionSpec, port: Port, value: objec
     return np.ascontiguousarray(array, dtype=np.float64)
 
 
-def _convert_inputs(card: ModelCard, spec: FunctionSpec, inputs: Sequence[object]) -> tuple[FloatArray, ...]:
+def _convert_inputs(card: ModelCard, spec: FunctionSpec, inputs: Sequence[object]) -> Arrays:
     if len(inputs) != len(spec.inputs):
         names = ", ".join(port.name for port in spec.inputs)
         raise _build_call_input_error(card, spec, f"expected the inputs {names}, got {len(inputs)} arrays")
@@ -77,9 +76,7 @@ def _convert_inputs(card: ModelCard, spec: FunctionSpec, inputs: Sequence[object
     return tuple(_convert_input(card, spec, port, value) for port, value in pairs)
 
 
-def check_inputs(
-    card: ModelCard, spec: FunctionSpec, inputs: Sequence[object]
-) -> tuple[int | None, tuple[FloatArray, ...]]:
+def check_inputs(card: ModelCard, spec: FunctionSpec, inputs: Sequence[object]) -> tuple[int | None, Arrays]:
     """Return the number of samples, None for a single one, and the inputs as arrays.
 
     Raises:
@@ -100,7 +97,7 @@ def check_inputs(
     return samples, arrays
 
 
-def check_sample(card: ModelCard, spec: FunctionSpec, inputs: Sequence[object]) -> tuple[FloatArray, ...]:
+def check_sample(card: ModelCard, spec: FunctionSpec, inputs: Sequence[object]) -> Arrays:
     """Return the inputs of one sample as arrays of float64, which may have strides.
 
     Raises:
@@ -112,7 +109,7 @@ def check_sample(card: ModelCard, spec: FunctionSpec, inputs: Sequence[object]) 
             if type(value) is not np.ndarray or value.dtype is not _DOUBLE or value.shape != port.shape:
                 break
         else:
-            return cast("tuple[FloatArray, ...]", tuple(inputs))
+            return cast("Arrays", tuple(inputs))
     arrays = _convert_inputs(card, spec, inputs)
     for port, array in zip(spec.inputs, arrays, strict=True):
         if array.shape != port.shape:
@@ -135,9 +132,7 @@ def _describe_refusal(array: object, shape: tuple[int, ...]) -> str:
     return ""
 
 
-def check_outputs(
-    card: ModelCard, spec: FunctionSpec, samples: int | None, out: object
-) -> tuple[FloatArray, ...]:
+def check_outputs(card: ModelCard, spec: FunctionSpec, samples: int | None, out: object) -> Arrays:
     """Return the arrays of a caller that outputs are written to, one for each output.
 
     Raises:
@@ -171,9 +166,7 @@ def allocate_output(port: Port, samples: int | None, dtype: type[np.floating]) -
     return array
 
 
-def redirect_outputs(
-    card: ModelCard, spec: FunctionSpec, call: Call, kept: tuple[FloatArray, ...] | None
-) -> Call:
+def redirect_outputs(card: ModelCard, spec: FunctionSpec, call: Call, kept: Arrays | None) -> Call:
     """Return `call` of one sample, its outputs written to the arrays `kept` if there are any.
 
     These are looked at again at each call: UsageError where they cannot take the outputs any more.
@@ -181,7 +174,7 @@ def redirect_outputs(
     if kept is None:
         return call
 
-    def call_and_keep(*values: FloatArray) -> tuple[FloatArray, ...]:
+    def call_and_keep(*values: FloatArray) -> Arrays:
         outputs = call(*values)
         for target, output in zip(check_outputs(card, spec, None, kept), outputs, strict=True):
             target[...] = output

@@ -1,31 +1,29 @@
-"""The catalogue as programs and CasADi SX functions, and the way between programs and SX functions.
+"""The catalogue as programs and CasADi SX functions.
 
 Robot -> BaseParameters -> card;  Robot -> routes -> the program with the fewest operations -> SX function.
 Result: `Functions`, with inputs and outputs named, ordered and shaped as the specs say; a port of shape
-(n, k, m) is a matrix of n rows and k m columns.
+(n, k, m) is a matrix of n rows and k m columns. CasADi numbers the elements of a matrix by columns, symid
+by rows.
 
 An SX operation costs the same Python time for one number as for many: instructions that do not need one
-another are written together, as one operation on columns. The other way, an SX function of known ports
-becomes a program; CasADi numbers the elements of a matrix by columns, symid by rows.
+another are written together, as one operation on columns.
 
 Supported: rigid robots, symbolic lengths with a value; all operations of `Op`.
-Not supported: symbolic lengths without a value (RobotError); reading MX functions, calls, and powers other
-than squares, which are refused by name.
+Not supported: symbolic lengths without a value (RobotError).
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import casadi as ca
 
 from symid.codegen.catalogue import list_robot_specs
-from symid.codegen.functions import FunctionSpec, ModelCard, Port
+from symid.codegen.functions import ModelCard, Port
 from symid.codegen.model_card import build_model_card, drop_constants, get_constants
-from symid.codegen.programs import ExpressionTable, Instruction, Op, Program
+from symid.codegen.programs import Instruction, Op, Program
 from symid.codegen.routes import choose_route
 from symid.codegen.workspace import check_symbols
 from symid.dynamics import build_standard_parameters, derive_base_parameters
-from symid.errors import GenerationError, Notice, UsageError
 from symid.robot import Robot
 
 _SX_RULES: Mapping[Op, Callable[..., ca.SX]] = {
@@ -130,135 +128,6 @@ def build_sx_function(program: Program) -> ca.Function:
     return ca.Function(spec.name, inputs, outputs, *names)
 
 
-_OPCODE_NAMES: dict[int, str] = {
-    getattr(ca, name): name for name in sorted(dir(ca)) if name.startswith("OP_")
-}
-
-_OPCODE_FUNCTIONS: dict[int, Op] = {
-    ca.OP_SIN: Op.SIN,
-    ca.OP_COS: Op.COS,
-    ca.OP_TAN: Op.TAN,
-    ca.OP_SQRT: Op.SQRT,
-    ca.OP_EXP: Op.EXP,
-    ca.OP_TANH: Op.TANH,
-    ca.OP_FABS: Op.ABS,
-    ca.OP_SIGN: Op.SIGN,
-    ca.OP_LT: Op.LESS,
-    ca.OP_LE: Op.LESS_EQUAL,
-    ca.OP_NOT: Op.IS_ZERO,
-    ca.OP_IF_ELSE_ZERO: Op.SELECT,
-    ca.OP_FMAX: Op.MAXIMUM,
-    ca.OP_FMIN: Op.MINIMUM,
-}
-
-OpcodeRule = Callable[[ExpressionTable, list[int]], int]
-
-_OPCODE_RULES: dict[int, OpcodeRule] = {
-    ca.OP_ASSIGN: lambda _, a: a[0],
-    ca.OP_ADD: lambda table, a: table.add(a[0], a[1]),
-    ca.OP_SUB: lambda table, a: table.add(a[0], -a[1]),
-    ca.OP_MUL: lambda table, a: table.mul(a[0], a[1]),
-    ca.OP_DIV: lambda table, a: table.div(a[0], a[1]),
-    ca.OP_NEG: lambda _, a: -a[0],
-    ca.OP_TWICE: lambda table, a: table.add(a[0], a[0]),
-    ca.OP_SQ: lambda table, a: table.mul(a[0], a[0]),
-    ca.OP_INV: lambda table, a: table.div(table.constant(1.0), a[0]),
-}
-
-
-def _build_program_error(spec: FunctionSpec, code: str, text: str) -> GenerationError:
-    return GenerationError(Notice(code=code, text=f"function {spec.name!r}: {text}"))
-
-
-def _check_shape(spec: FunctionSpec, port: Port, sparsity: ca.Sparsity) -> None:
-    rows, columns = sparsity.shape
-    if rows * columns != port.size or (port.shape and rows != port.shape[0]):
-        text = f"port {port.name!r} has {rows} x {columns} elements, its shape says {port.shape}"
-        raise _build_program_error(spec, "codegen.wrong-shape", text)
-
-
-def _check_ports(function: ca.Function, spec: FunctionSpec) -> None:
-    if not function.is_a("SXFunction"):
-        text = f"is a {function.class_name()}; only SX functions have scalar instructions"
-        raise _build_program_error(spec, "codegen.not-scalar", text)
-    found = (tuple(function.name_in()), tuple(function.name_out()))
-    wanted = (tuple(port.name for port in spec.inputs), tuple(port.name for port in spec.outputs))
-    if found != wanted:
-        raise _build_program_error(
-            spec, "codegen.wrong-ports", f"its ports are {found}, the catalogue says {wanted}"
-        )
-    for i, port in enumerate(spec.inputs):
-        _check_shape(spec, port, function.sparsity_in(i))
-    for i, port in enumerate(spec.outputs):
-        _check_shape(spec, port, function.sparsity_out(i))
-
-
-def _list_row_major(sparsity: ca.Sparsity) -> list[int]:
-    """Return the row-major element of each nonzero."""
-    columns = sparsity.size2()
-    return [r * columns + c for r, c in zip(sparsity.row(), sparsity.get_col(), strict=True)]
-
-
-class _SxReader:
-    """Walks the instructions of one function; `work` maps CasADi's work vector to references."""
-
-    def __init__(self, function: ca.Function, spec: FunctionSpec) -> None:
-        self.function = function
-        self.spec = spec
-        self.table = ExpressionTable()
-        self.work: dict[int, int] = {}
-        self.inputs = [_list_row_major(function.sparsity_in(i)) for i in range(function.n_in())]
-        self.elements = [_list_row_major(function.sparsity_out(i)) for i in range(function.n_out())]
-        self.outputs: list[dict[int, int]] = [{} for _ in spec.outputs]
-
-    def read(self) -> Program:
-        for k in range(self.function.n_instructions()):
-            self._visit(k, self.function.instruction_id(k))
-        instructions, outputs = self.table.collect(self._fill_outputs())
-        return Program(spec=self.spec, instructions=instructions, outputs=outputs)
-
-    def _visit(self, k: int, code: int) -> None:
-        source = self.function.instruction_input(k)
-        target = self.function.instruction_output(k)
-        if code == ca.OP_CONST:
-            self.work[target[0]] = self.table.constant(self.function.instruction_constant(k))
-        elif code == ca.OP_INPUT:
-            port, nonzero = source
-            self.work[target[0]] = self.table.input(port, self.inputs[port][nonzero])
-        elif code == ca.OP_OUTPUT:
-            port, nonzero = target
-            self.outputs[port][self.elements[port][nonzero]] = self.work[source[0]]
-        elif code in _OPCODE_RULES:
-            self.work[target[0]] = _OPCODE_RULES[code](self.table, [self.work[i] for i in source])
-        elif code in _OPCODE_FUNCTIONS:
-            self.work[target[0]] = self.table.apply(_OPCODE_FUNCTIONS[code], *(self.work[i] for i in source))
-        else:
-            text = (
-                f"operation {_OPCODE_NAMES.get(code, code)} has no rule; write it with supported operations"
-            )
-            raise _build_program_error(self.spec, "codegen.unknown-operation", text)
-
-    def _fill_outputs(self) -> Iterator[list[int]]:
-        for port, refs in zip(self.spec.outputs, self.outputs, strict=True):
-            # What CasADi leaves out of a sparse output is zero.
-            yield [refs[i] if i in refs else self.table.constant(0.0) for i in range(port.size)]
-
-
-def read_sx_program(function: ca.Function, spec: FunctionSpec) -> Program:
-    """Return the instructions of `function`, simplified, in the order in which CasADi has them.
-
-    Args:
-        function: an SX function with the ports of `spec`; a port of shape (n,) is a column, one of
-            shape (n, m) a matrix, one of shape (n, k, m) a matrix with n rows of k m elements.
-        spec: its entry in the catalogue.
-
-    Raises:
-        GenerationError: the ports differ from the catalogue's, or an operation is not supported.
-    """
-    _check_ports(function, spec)
-    return _SxReader(function, spec).read()
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Functions:
     """A model card, and in its order the chosen programs and the SX functions built from them.
@@ -290,13 +159,7 @@ def build_functions(
     """
     check_symbols(robot)
     base = build_standard_parameters(robot) if standard else derive_base_parameters(robot)
-    catalogue = list_robot_specs(robot, base)
-    known = [spec.name for spec in catalogue]
-    for name in names or ():
-        if name not in known:
-            text = f"function '{name}' is not in the catalogue; there are {', '.join(known)}"
-            raise UsageError(Notice(code="usage.unknown-function", text=text))
-    specs = tuple(spec for spec in catalogue if names is None or spec.name in names)
+    specs = list_robot_specs(robot, base, names)
     card = build_model_card(robot, base, specs)
     constants = get_constants(card) if constant else {}
     specs = tuple(drop_constants(spec, constants) for spec in specs)

@@ -10,9 +10,9 @@ Supported: rigid robots with friction; robots all of whose joints are elastic.
 Units are written for revolute joints; of a prismatic one read m for rad and N for N m.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -190,159 +190,107 @@ _INPUTS = {
     "h": ("h", "mixed", "parameters of the springs"),
 }
 _SHARED = ("beta", "pi", "f", "IA", "h")
+_OUTPUTS = {
+    "R": ("l33", "1", "rotation matrices, one a link"),
+    "P": ("l3", "m", "origins, one a link"),
+    "J": ("6n", "m, 1", "Jacobian"),
+    "M": ("nn", "kg m^2", "mass matrix"),
+    "C": ("nn", "kg m^2/s", "Coriolis matrix"),
+    "g": ("n", "N m", "gravity torque"),
+    "c": ("n", "N m", "bias torque"),
+    "tau": ("n", "N m", "joint torques without friction"),
+    "ddq": ("n", "rad/s^2", "joint accelerations"),
+    "dtau_dq": ("nn", "N m/rad", "by position"),
+    "dtau_ddq": ("nn", "N m s/rad", "by velocity"),
+    "dtau_dddq": ("nn", "kg m^2", "by acceleration: the mass matrix"),
+    "T": ("1", "J", "kinetic energy"),
+    "V": ("1", "J", "potential energy"),
+    "hT": ("b", "mixed", "kinetic energy regressor"),
+    "hV": ("b", "mixed", "potential energy regressor"),
+    "Yp": ("nb", "mixed", "momentum regressor"),
+    "YL": ("nb", "mixed", "regressor of dL/dq"),
+    "Y": ("nb", "mixed", "torque regressor"),
+    "Yr": ("nb", "mixed", "Slotine-Li regressor"),
+    "tau_f": ("n", "N m", "friction torques"),
+    "Yf": ("np", "mixed", "friction regressor"),
+    "tau_J": ("n", "N m", "torques of the springs without damping"),
+    "P_next": ("s", "rad", "plays of the torsions after the step"),
+    "phi": ("n", "rad", "torsions theta - q"),
+    "Q_next": ("s", "N m", "plays of the inverse after the step"),
+    "tau_m": ("n", "N m", "torques of the motors, joint side"),
+    "theta": ("n", "rad", "motor coordinates on the joint side"),
+    "dtheta": ("n", "rad/s", "motor velocities on the joint side"),
+}
 
-# Name, inputs, outputs as for the inputs, meaning.
-_RIGID = (
-    (
-        "forward_kinematics",
-        "q",
-        (("R", "l33", "1", "rotation matrices, one a link"), ("P", "l3", "m", "origins, one a link")),
-        "pose of every link frame in the base frame",
-    ),
+_Entry = tuple[str, str, str, str]
+"""Name, inputs, outputs, meaning."""
+_RIGID: tuple[_Entry, ...] = (
+    ("forward_kinematics", "q", "R P", "pose of every link frame in the base frame"),
     (
         "jacobian",
         "q",
-        (("J", "6n", "m, 1", "Jacobian"),),
+        "J",
         "geometric Jacobian of the last link frame, base axes: linear rows, then angular",
     ),
-    (
-        "mass_matrix",
-        "q beta",
-        (("M", "nn", "kg m^2", "mass matrix"),),
-        "joint-space mass matrix, rotor inertias included",
-    ),
+    ("mass_matrix", "q beta", "M", "joint-space mass matrix, rotor inertias included"),
     (
         "coriolis_matrix",
         "q dq beta",
-        (("C", "nn", "kg m^2/s", "Coriolis matrix"),),
+        "C",
         "factor C of the Coriolis torque C dq for which dM/dt - 2 C is skew",
     ),
-    ("gravity", "q beta", (("g", "n", "N m", "gravity torque"),), "gravity torque"),
-    (
-        "bias",
-        "q dq beta",
-        (("c", "n", "N m", "bias torque"),),
-        "Coriolis, centrifugal and gravity torque",
-    ),
-    (
-        "inverse_dynamics",
-        "q dq ddq beta",
-        (("tau", "n", "N m", "joint torques without friction"),),
-        "torque that gives the acceleration ddq",
-    ),
-    (
-        "forward_dynamics",
-        "q dq tau beta",
-        (("ddq", "n", "rad/s^2", "joint accelerations"),),
-        "acceleration under the torque tau",
-    ),
+    ("gravity", "q beta", "g", "gravity torque"),
+    ("bias", "q dq beta", "c", "Coriolis, centrifugal and gravity torque"),
+    ("inverse_dynamics", "q dq ddq beta", "tau", "torque that gives the acceleration ddq"),
+    ("forward_dynamics", "q dq tau beta", "ddq", "acceleration under the torque tau"),
     (
         "inverse_dynamics_derivatives",
         "q dq ddq beta",
-        (
-            ("dtau_dq", "nn", "N m/rad", "by position"),
-            ("dtau_ddq", "nn", "N m s/rad", "by velocity"),
-            ("dtau_dddq", "nn", "kg m^2", "by acceleration: the mass matrix"),
-        ),
+        "dtau_dq dtau_ddq dtau_dddq",
         "derivatives of the inverse dynamics",
     ),
     (
         "energy",
         "q dq beta",
-        (("T", "1", "J", "kinetic energy"), ("V", "1", "J", "potential energy")),
+        "T V",
         "kinetic and potential energy, up to the constant that base parameters cannot know",
     ),
-    (
-        "energy_regressor",
-        "q dq",
-        (
-            ("hT", "b", "mixed", "kinetic energy regressor"),
-            ("hV", "b", "mixed", "potential energy regressor"),
-        ),
-        "kinetic and potential energy per base parameter",
-    ),
-    (
-        "momentum_regressor",
-        "q dq",
-        (("Yp", "nb", "mixed", "momentum regressor"),),
-        "generalised momentum dT/ddq per base parameter",
-    ),
-    (
-        "lagrange_regressor",
-        "q dq",
-        (("YL", "nb", "mixed", "regressor of dL/dq"),),
-        "dL/dq = dT/dq - dV/dq per base parameter",
-    ),
-    (
-        "torque_regressor",
-        "q dq ddq",
-        (("Y", "nb", "mixed", "torque regressor"),),
-        "joint torque per base parameter",
-    ),
-    (
-        "slotine_li_regressor",
-        "q dq dqr ddqr",
-        (("Yr", "nb", "mixed", "Slotine-Li regressor"),),
-        "M ddqr + C dqr + g per base parameter",
-    ),
+    ("energy_regressor", "q dq", "hT hV", "kinetic and potential energy per base parameter"),
+    ("momentum_regressor", "q dq", "Yp", "generalised momentum dT/ddq per base parameter"),
+    ("lagrange_regressor", "q dq", "YL", "dL/dq = dT/dq - dV/dq per base parameter"),
+    ("torque_regressor", "q dq ddq", "Y", "joint torque per base parameter"),
+    ("slotine_li_regressor", "q dq dqr ddqr", "Yr", "M ddqr + C dqr + g per base parameter"),
 )
-_FRICTION = (
-    (
-        "friction",
-        "dq f",
-        (("tau_f", "n", "N m", "friction torques"),),
-        "friction torque, positive against positive velocity",
-    ),
-    (
-        "friction_regressor",
-        "dq",
-        (("Yf", "np", "mixed", "friction regressor"),),
-        "friction torque per friction parameter",
-    ),
+_FRICTION: tuple[_Entry, ...] = (
+    ("friction", "dq f", "tau_f", "friction torque, positive against positive velocity"),
+    ("friction_regressor", "dq", "Yf", "friction torque per friction parameter"),
 )
-_HYSTERESIS = (
-    (
-        "hysteresis_step",
-        "phi P h",
-        (
-            ("tau_J", "n", "N m", "torques of the springs without damping"),
-            ("P_next", "s", "rad", "plays of the torsions after the step"),
-        ),
-        "torque of the springs when the torsion has gone to phi, without turning back on the way",
-    ),
+_HYSTERESIS: _Entry = (
+    "hysteresis_step",
+    "phi P h",
+    "tau_J P_next",
+    "torque of the springs when the torsion has gone to phi, without turning back on the way",
 )
-_INVERSE_HYSTERESIS = (
-    (
-        "hysteresis_inverse_step",
-        "tau_J Q h",
-        (
-            ("phi", "n", "rad", "torsions theta - q"),
-            ("Q_next", "s", "N m", "plays of the inverse after the step"),
-        ),
-        "torsion of the springs when their torque has gone to tau_J, without turning back on the way",
-    ),
+_INVERSE_HYSTERESIS: _Entry = (
+    "hysteresis_inverse_step",
+    "tau_J Q h",
+    "phi Q_next",
+    "torsion of the springs when their torque has gone to tau_J, without turning back on the way",
 )
-_FEED_FORWARD = (
-    (
-        "elastic_inverse_dynamics",
-        "q dq ddq dddq ddddq beta IA f h Q",
-        (
-            ("tau_m", "n", "N m", "torques of the motors, joint side"),
-            ("theta", "n", "rad", "motor coordinates on the joint side"),
-            ("dtheta", "n", "rad/s", "motor velocities on the joint side"),
-            ("Q_next", "s", "N m", "plays of the inverse after the step"),
-        ),
-        "torque of the motors under which the links move as wanted, friction included",
-    ),
+_FEED_FORWARD: _Entry = (
+    "elastic_inverse_dynamics",
+    "q dq ddq dddq ddddq beta IA f h Q",
+    "tau_m theta dtheta Q_next",
+    "torque of the motors under which the links move as wanted, friction included",
 )
 
 
-def _list_catalogue_entries(friction: int, elastic: ElasticSizes | None) -> tuple[tuple[Any, ...], ...]:
-    entries: tuple[tuple[Any, ...], ...] = (*_RIGID, *_FRICTION) if friction else _RIGID
+def _list_entries(friction: int, elastic: ElasticSizes | None) -> tuple[_Entry, ...]:
+    entries = (*_RIGID, *_FRICTION) if friction else _RIGID
     if elastic is None:
         return entries
-    inverse = _INVERSE_HYSTERESIS if elastic.invertible else ()
-    return (*entries, *_HYSTERESIS, *inverse, *(_FEED_FORWARD if elastic.feed else ()))
+    inverse = (_INVERSE_HYSTERESIS,) if elastic.invertible else ()
+    return (*entries, _HYSTERESIS, *inverse, *((_FEED_FORWARD,) if elastic.feed else ()))
 
 
 def list_specs(
@@ -370,31 +318,41 @@ def list_specs(
     sizes = {"n": joints, "l": joints if links is None else links, "b": parameters, "p": friction}
     sizes |= {"s": elastic.stops if elastic else 0, "h": elastic.springs if elastic else 0}
 
-    def find_port(name: str, letters: str, unit: str, meaning: str, *, shared: bool = False) -> Port:
-        shape = tuple(sizes[letter] if letter in sizes else int(letter) for letter in letters)
-        return Port(name=name, shape=shape, unit=unit, meaning=meaning, shared=shared)
-
-    def is_there(letters: str) -> bool:
-        return letters not in ("s", "p") or sizes[letters] > 0
+    def build_ports(names: str, known: Mapping[str, tuple[str, str, str]]) -> tuple[Port, ...]:
+        ports = []
+        for name in names.split():
+            letters, unit, meaning = known[name]
+            if letters in ("s", "p") and not sizes[letters]:
+                continue
+            shape = tuple(sizes[letter] if letter in sizes else int(letter) for letter in letters)
+            ports.append(Port(name=name, shape=shape, unit=unit, meaning=meaning, shared=name in _SHARED))
+        return tuple(ports)
 
     return tuple(
         FunctionSpec(
             name=name,
-            inputs=tuple(
-                find_port(key, *_INPUTS[key], shared=key in _SHARED)
-                for key in inputs.replace("beta", vector).split()
-                if is_there(_INPUTS[key][0])
-            ),
-            outputs=tuple(find_port(*output) for output in outputs if is_there(output[1])),
+            inputs=build_ports(inputs.replace("beta", vector), _INPUTS),
+            outputs=build_ports(outputs, _OUTPUTS),
             meaning=meaning,
         )
-        for name, inputs, outputs, meaning in _list_catalogue_entries(friction, elastic)
+        for name, inputs, outputs, meaning in _list_entries(friction, elastic)
     )
 
 
-def list_robot_specs(robot: Robot, base: "BaseParameters") -> tuple[FunctionSpec, ...]:
-    """Return the catalogue for a robot and the parameters that its functions take."""
-    return list_specs(
+def list_robot_specs(
+    robot: Robot, base: "BaseParameters", names: Collection[str] | None = None
+) -> tuple[FunctionSpec, ...]:
+    """Return the catalogue for a robot and the parameters that its functions take.
+
+    Args:
+        robot: the robot.
+        base: its base or standard parameters.
+        names: of the functions wanted, None for all; the order is that of the catalogue.
+
+    Raises:
+        UsageError: a name is not in the catalogue.
+    """
+    specs = list_specs(
         robot.freedom,
         base.count,
         len(base.friction),
@@ -402,3 +360,9 @@ def list_robot_specs(robot: Robot, base: "BaseParameters") -> tuple[FunctionSpec
         vector=base.vector,
         elastic=count_elastic_sizes(robot),
     )
+    known = [spec.name for spec in specs]
+    for name in names or ():
+        if name not in known:
+            text = f"function '{name}' is not in the catalogue; there are {', '.join(known)}"
+            raise UsageError(Notice(code="usage.unknown-function", text=text))
+    return tuple(spec for spec in specs if names is None or spec.name in names)

@@ -1,17 +1,15 @@
 """A C compiler, if the machine has one, what it makes of generated sources, and how large that is.
 
-C files -> shared library. On failure the message holds the command and what the compiler said.
-Folder with object files -> `CodeSize` by function: code, constants, stack.
+C files -> shared library.  Folder with object files -> `CodeSize` by function: code, constants, stack.
 
 Arithmetic stays that of IEEE 754, operation by operation: no fast-math, and no product fused with a sum
-(-ffp-contract=off, which is not every compiler's default). So the same input gives the same bytes whether
-or not the processor can fuse them, with code for this processor or for any of its kind; what is left to
-differ is the C library's sine and cosine. Fusing would save 4 to 13 % of a call's time. GCC 12 fuses even
-so where it vectorises straight-line code, hence -fno-tree-slp-vectorize, which costs nothing.
+(-ffp-contract=off), so that the same input gives the same bytes whether or not the processor can fuse them;
+what is left to differ is the C library's sine and cosine. Fusing would save 4 to 13 % of a call's time.
+GCC 12 fuses even so where it vectorises straight-line code, hence -fno-tree-slp-vectorize, which costs
+nothing.
 
-Code and constants are read from the object file of each function, stack from what the compiler writes with
-`STACK_FLAG`. No function recurses: the stack of one is at most its own frame and those of all that it may
-call in its file. What the functions of the mathematics library take comes on top.
+No function recurses: the stack of one is at most its own frame and those of all that it may call in its
+file. What the functions of the mathematics library take comes on top.
 
 Supported: cc, gcc and clang, or one given by name; code for the processor at hand, on Linux; sizes from
 ELF files of 32 and 64 bits, both byte orders.
@@ -25,10 +23,10 @@ import subprocess
 import tempfile
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from enum import IntEnum
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 from symid.errors import GenerationError, Notice
 
@@ -37,17 +35,22 @@ _ELF_SYMBOL_TABLE = 2
 _ELF_FUNCTION = 2
 
 
-class _ElfClass(IntEnum):
-    """The fifth byte of an ELF file."""
+class _ElfLayout(NamedTuple):
+    """Where an ELF header has the sections, how sections and symbols read, and what stands where in them."""
 
-    BITS_32 = 1
-    BITS_64 = 2
+    offset: int
+    offset_kind: str
+    counts: int
+    section: str
+    symbol: str
+    symbol_places: tuple[int, int, int]
 
 
-# Where the header has offset, size, count and name table of the sections; how a section and a symbol read.
-_ELF_HEADER = {_ElfClass.BITS_32: (32, "I", 46), _ElfClass.BITS_64: (40, "Q", 58)}
-_ELF_SECTION = {_ElfClass.BITS_32: "IIIIIIIIII", _ElfClass.BITS_64: "IIQQQQIIQQ"}
-_ELF_SYMBOL = {_ElfClass.BITS_32: "IIIBBH", _ElfClass.BITS_64: "IBBHQQ"}
+# By the fifth byte of the file: 32 bits, 64 bits. Places in a symbol are those of size, kind and section.
+_ELF_LAYOUTS = {
+    b"\1": _ElfLayout(32, "I", 46, "IIIIIIIIII", "IIIBBH", (2, 3, 5)),
+    b"\2": _ElfLayout(40, "Q", 58, "IIQQQQIIQQ", "IBBHQQ", (5, 1, 3)),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,61 +61,40 @@ class ObjectFile:
     constants: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _ElfSection:
-    name: str
-    kind: int
-    offset: int
-    size: int
-    link: int
-
-
 def _read_text(content: bytes, start: int) -> str:
     return content[start : content.index(b"\0", start)].decode("utf-8", "replace")
 
 
-def _read_sections(content: bytes, order: str, bits: _ElfClass) -> list[_ElfSection]:
-    where, letter, counts = _ELF_HEADER[bits]
-    (start,) = struct.unpack_from(order + letter, content, where)
-    size, count, names = struct.unpack_from(f"{order}HHH", content, counts)
-    rows = [struct.unpack_from(order + _ELF_SECTION[bits], content, start + size * k) for k in range(count)]
-    base = rows[names][4]
-    return [
-        _ElfSection(
-            name=_read_text(content, base + row[0]), kind=row[1], offset=row[4], size=row[5], link=row[6]
-        )
-        for row in rows
-    ]
-
-
 def _read_function_sizes(
-    content: bytes, order: str, bits: _ElfClass, sections: list[_ElfSection]
+    content: bytes, order: str, layout: _ElfLayout, sections: list[tuple[int, ...]]
 ) -> Iterator[tuple[str, int]]:
-    layout = order + _ELF_SYMBOL[bits]
-    # The places of size, kind and section in a row; the name comes first in both.
-    places = (2, 3, 5) if bits is _ElfClass.BITS_32 else (5, 1, 3)
-    for table in sections:
-        if table.kind != _ELF_SYMBOL_TABLE:
+    for _, kind, _, _, offset, size, link, *_ in sections:
+        if kind != _ELF_SYMBOL_TABLE:
             continue
-        names = sections[table.link].offset
-        for row in struct.iter_unpack(layout, content[table.offset : table.offset + table.size]):
-            size, info, section = (row[place] for place in places)
+        names = sections[link][4]
+        for row in struct.iter_unpack(order + layout.symbol, content[offset : offset + size]):
+            length, info, section = (row[place] for place in layout.symbol_places)
             # Functions of other files have no section here.
             if info % 16 == _ELF_FUNCTION and section != 0:
-                yield _read_text(content, names + row[0]), size
+                yield _read_text(content, names + row[0]), length
 
 
 def read_object_file(content: bytes) -> ObjectFile | None:
     """Return the sizes in an object file, None for a format that is not ELF or a file that is cut off."""
-    if content[:4] != _ELF_MAGIC or content[4:5] not in {b"\1", b"\2"}:
+    layout = _ELF_LAYOUTS.get(content[4:5])
+    if content[:4] != _ELF_MAGIC or layout is None:
         return None
-    bits, order = _ElfClass(content[4]), ">" if content[5:6] == b"\2" else "<"
+    order = ">" if content[5:6] == b"\2" else "<"
     try:
-        sections = _read_sections(content, order, bits)
-        functions = dict(_read_function_sizes(content, order, bits, sections))
+        (start,) = struct.unpack_from(order + layout.offset_kind, content, layout.offset)
+        size, count, names = struct.unpack_from(f"{order}HHH", content, layout.counts)
+        # Name, kind, flags, address, offset, size, link.
+        rows = [struct.unpack_from(order + layout.section, content, start + size * k) for k in range(count)]
+        base = rows[names][4]
+        constants = sum(row[5] for row in rows if _read_text(content, base + row[0]).startswith(".rodata"))
+        functions = dict(_read_function_sizes(content, order, layout, rows))
     except (struct.error, IndexError, ValueError):
         return None
-    constants = sum(section.size for section in sections if section.name.startswith(".rodata"))
     return ObjectFile(functions=functions, constants=constants)
 
 
@@ -266,24 +248,8 @@ def _choose_native_flags(compiler: Compiler) -> tuple[str, ...]:
     """Return the flags for code of the processor at hand, if such is wanted and the compiler can."""
     if not compiler.processor:
         return ()
-    with tempfile.TemporaryDirectory(prefix="symid-") as scratch:
-        source = Path(scratch) / "smallest.c"
-        source.write_text(_SMALLEST_SOURCE, encoding="utf-8")
-        try:
-            _run_compiler(
-                (
-                    compiler.path,
-                    *compiler.flags,
-                    _NATIVE_FLAG,
-                    "-c",
-                    str(source),
-                    "-o",
-                    f"{scratch}/smallest.o",
-                )
-            )
-        except GenerationError:
-            return ()
-    return (_NATIVE_FLAG,)
+    native = replace(compiler, processor="", flags=(*compiler.flags, _NATIVE_FLAG))
+    return () if diagnose_compiler(native) else (_NATIVE_FLAG,)
 
 
 def diagnose_compiler(compiler: Compiler) -> str:

@@ -46,8 +46,8 @@ def count_expanded_values(instructions: Sequence[Instruction]) -> list[int]:
     """Return the operations of every value when written out; of the reference 0, none."""
     sizes = [0]
     for instruction in instructions:
-        own = () if instruction.op in SOURCE_OPS else instruction.args
-        sizes.append(0 if instruction.op in SOURCE_OPS else 1 + sum(sizes[abs(ref)] for ref in own))
+        source = instruction.op in SOURCE_OPS
+        sizes.append(0 if source else 1 + sum(sizes[number] for number in instruction.operands))
     return sizes
 
 
@@ -55,8 +55,7 @@ def mark_algebraic(instructions: Sequence[Instruction]) -> list[bool]:
     """Return whether a value is made of sums, products, sines and cosines alone, however long."""
     found = [True]
     for instruction in instructions:
-        own = () if instruction.op in SOURCE_OPS else instruction.args
-        found.append(instruction.op in _ALGEBRAIC and all(found[abs(ref)] for ref in own))
+        found.append(instruction.op in _ALGEBRAIC and all(found[number] for number in instruction.operands))
     return found
 
 
@@ -166,7 +165,7 @@ def _choose_useful_values(program: Program, sizes: Sequence[int]) -> frozenset[i
             wanted.add(number)
         elif not algebraic[number] or instruction.op in _TRIGONOMETRIC or number in wanted:
             if sizes[number] <= _MOST_OPERATIONS or not algebraic[number]:
-                wanted.update(map(abs, instruction.args))
+                wanted.update(instruction.operands)
             else:
                 wanted.discard(number)
     return frozenset(wanted)
@@ -444,7 +443,7 @@ def _choose_written_values(source: ExactProgram, writer: _PolynomialWriter) -> d
         found[number] = source_itself or (number in roots and writer.has(number))
         if not found[number]:
             chosen = inner if algebraic[number] else roots
-            chosen.update(dict.fromkeys(map(abs, instruction.args)))
+            chosen.update(dict.fromkeys(instruction.operands))
     return found
 
 
@@ -471,7 +470,7 @@ def share_values(
 ) -> tuple[tuple[tuple[Symbol, Expr], ...], tuple[tuple[Expr, ...], ...]]:
     """Return the program with a symbol for every value that is used more than once, as `sympy.cse` does."""
     instructions, outputs = source.program.instructions, source.program.outputs
-    uses = Counter(abs(ref) for i in instructions if i.op not in SOURCE_OPS for ref in i.args)
+    uses = Counter(number for instruction in instructions for number in instruction.operands)
     uses.update(abs(ref) for port in outputs for ref in port)
     writer = _PolynomialWriter(source)
     taken = {letter for letter in writer.text.letters if letter.is_Symbol}

@@ -8,11 +8,10 @@ leading axis.
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
 
-from symid.robot import Coupling, Elasticity, Joint, Knee, Robot, Stop
+from symid.robot import Coupling, Elasticity, Joint, Robot
 from symid.serialization import compute_signature
 
 
@@ -136,51 +135,8 @@ class ModelCard:
 
 
 def write_model_card(card: ModelCard) -> str:
-    """Return the card as JSON text, the same text for the same card."""
+    """Return the card as JSON text, the same text for the same card; `read_record` reads it."""
     return json.dumps(asdict(card), indent=1, sort_keys=True) + "\n"
-
-
-def read_model_card(text: str) -> ModelCard:
-    """Return the card that `write_model_card` wrote.
-
-    Raises:
-        ValueError: the text is not JSON.
-        KeyError, TypeError: it is not a model card.
-    """
-    data: dict[str, Any] = json.loads(text)
-
-    def port(entry: Mapping[str, Any]) -> Port:
-        return Port(**{**entry, "shape": tuple(entry["shape"])})
-
-    def spec(entry: Mapping[str, Any]) -> FunctionSpec:
-        return FunctionSpec(
-            name=entry["name"],
-            meaning=entry["meaning"],
-            inputs=tuple(map(port, entry["inputs"])),
-            outputs=tuple(map(port, entry["outputs"])),
-        )
-
-    return ModelCard(
-        robot=data["robot"],
-        signature=data["signature"],
-        joints=tuple(JointCard(**entry) for entry in data["joints"]),
-        beta=tuple(ParameterCard(**entry) for entry in data["beta"]),
-        friction=tuple(ParameterCard(**entry) for entry in data["friction"]),
-        functions=tuple(map(spec, data["functions"])),
-        vector=data["vector"],
-        followers=tuple(FollowerCard(**entry) for entry in data["followers"]),
-        rotors=tuple(ParameterCard(**entry) for entry in data["rotors"]),
-        elasticity=tuple(map(_read_elasticity, data["elasticity"])),
-        springs=tuple(ParameterCard(**entry) for entry in data["springs"]),
-    )
-
-
-def _read_elasticity(entry: Mapping[str, Any] | None) -> Elasticity | None:
-    if entry is None:
-        return None
-    stops = tuple(Stop(**stop) for stop in entry["stops"])
-    knees = tuple(Knee(**knee) for knee in entry["knees"])
-    return Elasticity(**{**entry, "stops": stops, "knees": knees})
 
 
 def compute_model_signature(robot: Robot, parameters: Sequence[tuple[str, str]]) -> str:

@@ -6,16 +6,16 @@ The self-test runs in a copy of what the manifest lists. It counts as passed whe
 ended with zero and said so in its last line; what `make` says of its own run proves nothing, as variables
 of the environment can keep it from doing anything.
 
-The sources and most of the manifest are the same on every machine. The entry "build" is not: it says which
-compiler, with which flags, passed the self-test, and how large every function became. So it is written
-after the files, where the compiler ran, and no file's digest covers it; it holds a digest of the
-manifest's other entries, which tells when somebody edited these.
+The sources and most of the manifest are the same on every machine. The entry "build" is not: which compiler
+passed the self-test, and how large every function became. It is written after the files and holds a digest
+of the manifest's other entries, which tells when somebody edited these.
 
-Supported: the targets of `TARGETS`; one run at a time writes a folder, another waits.
-Not supported: files of others in the folder (they take no part in the test); records of folders that were
-written without `symid generate`.
+Supported: the targets of `TARGETS`; one run of a user at a time writes a folder, another waits.
+Not supported: files of others in the folder (they take no part in the test); waiting for other users or
+machines.
 """
 
+import contextlib
 import json
 import os
 import platform
@@ -24,19 +24,22 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
+from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
-from symid.codegen.cache import compute_library_key
-from symid.codegen.compiler import CodeSize, Compiler
+from filelock import FileLock, Timeout
+
+from symid.codegen.cache import compute_library_key, make_temporary_folder
+from symid.codegen.compiler import STACK_FLAG, CodeSize, Compiler, locate_compiler, measure_code_sizes
 from symid.codegen.source_folder import (
     MANIFEST,
     SourceSet,
+    compute_digest,
     get_listed_digests,
     is_unchanged,
-    lock_folder,
     read_manifest,
     write_manifest_text,
     write_sources,
@@ -46,22 +49,44 @@ from symid.errors import GenerationError, Notice, OutputError, UsageError
 from symid.robot import Robot
 from symid.serialization import compute_signature
 
-if TYPE_CHECKING:
-    from symid.codegen.casadi_functions import Functions
-
 _ENTRY = "build"
+_LOCK_PATIENCE = 1.0
+
+
+@contextlib.contextmanager
+def lock_folder(folder: Path, tell: Callable[[], None]) -> Iterator[None]:
+    """Wait until no other process of this user has `folder`, and keep it from others in the context.
+
+    The lock is one of the system's on a file in the user's own temporary folder: a process that dies leaves
+    none behind.
+
+    Args:
+        folder: it need not be there yet.
+        tell: called once where the wait takes longer than a second.
+    """
+    name = compute_digest(os.fsencode(folder.resolve()))[:24]
+    lock = FileLock(make_temporary_folder() / f"{name}.lock")
+    try:
+        lock.acquire(timeout=_LOCK_PATIENCE)
+    except Timeout:
+        tell()
+        lock.acquire()
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BuildRecord:
-    """Who ran the self-test and how it went, and the sizes of the functions.
+    """How the self-test of a folder went, who ran it, and the sizes of the functions.
 
     Attributes:
         inputs: see `compute_inputs_signature`.
         selftest: "passed" or "not run".
         runner: the compiler, or Python and NumPy; empty if the test was not run.
         flags: of the compiler.
-        sizes: by function, where they are known.
+        sizes: by function as they were compiled, where they are known.
     """
 
     inputs: str
@@ -122,11 +147,6 @@ def read_unchanged(folder: Path, inputs: str) -> tuple[Mapping[str, object], Bui
     return (manifest, record) if same else None
 
 
-def _build_changed_error(folder: Path) -> OutputError:
-    text = "was changed by somebody else while its self-test ran; generate it again"
-    return OutputError(Notice(code="output.changed-meanwhile", text=text, file=str(folder)))
-
-
 def write_build_record(folder: Path, record: BuildRecord, sources: SourceSet) -> Mapping[str, object]:
     """Put `record` into the manifest of `folder`, and return that manifest.
 
@@ -140,7 +160,8 @@ def write_build_record(folder: Path, record: BuildRecord, sources: SourceSet) ->
     """
     manifest = dict(read_manifest(folder) or {})
     if manifest != json.loads(sources.manifest) or not is_unchanged(folder, manifest):
-        raise _build_changed_error(folder)
+        text = "was changed by somebody else while its self-test ran; generate it again"
+        raise OutputError(Notice(code="output.changed-meanwhile", text=text, file=str(folder)))
     manifest[_ENTRY] = {**asdict(record), "seal": _compute_seal(manifest)}
     write_manifest_text(json.dumps(manifest, indent=1, sort_keys=True) + "\n", folder)
     return read_manifest(folder) or {}
@@ -153,50 +174,17 @@ _MAKE_VARIABLES = frozenset({"MAKEFLAGS", "MFLAGS", "GNUMAKEFLAGS", "MAKELEVEL",
 _PASSED = re.compile(r"0 of [1-9][0-9]* functions failed")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SelfTestRun:
-    """How the self-test of a folder went: "passed" or "not run".
-
-    Attributes:
-        selftest: how.
-        runner: the version of what ran it, empty if nothing did.
-        flags: of the compiler.
-        sizes: of the functions as they were compiled, where known.
-        printed: what the test printed.
-    """
-
-    selftest: str
-    runner: str
-    flags: str
-    sizes: "Mapping[str, CodeSize]"
-    printed: str = ""
-
-
-def choose_runner(target: str) -> tuple["Compiler | None", str]:
+def choose_runner(target: str) -> tuple[Compiler | None, str]:
     """Return the compiler, and what runs the self-test: its version or that of Python; empty for nothing."""
     if target == "python":
-        from importlib.metadata import version
-
         return None, f"Python {platform.python_version()}, NumPy {version('numpy')}"
-    from symid.codegen.compiler import locate_compiler
-
     compiler = locate_compiler()
     built_by = compiler.version if compiler is not None and shutil.which("make") else ""
     if target == "casadi":
-        from importlib.metadata import version
-
         # Without a compiler the .casadi files are tested all the same.
         runners = (f"CasADi {version('casadi')}", built_by)
         return compiler if built_by else None, ", ".join(filter(None, runners))
     return compiler, built_by
-
-
-def list_selftest_warnings(folder: Path, selftest: str) -> tuple[Notice, ...]:
-    """Return what a user must know of a folder whose self-test was not run."""
-    if selftest == "passed":
-        return ()
-    text = "its self-test was not run: no C compiler or no make; install them, then `make check` there"
-    return (Notice(code="generate.selftest-not-run", text=text, file=str(folder)),)
 
 
 def _fail_selftest(folder: Path, text: str) -> NoReturn:
@@ -205,8 +193,6 @@ def _fail_selftest(folder: Path, text: str) -> NoReturn:
 
 def _copy_listed(folder: Path, manifest: Mapping[str, object], copy: Path) -> None:
     """Copy the files that `manifest` lists, and no others: a folder may hold anything of its owner's."""
-    from symid.codegen.source_folder import compute_digest, get_listed_digests
-
     copy.mkdir()
     for path, digest in get_listed_digests(manifest).items():
         try:
@@ -235,13 +221,10 @@ def _run_command(folder: Path, copy: Path, command: list[str]) -> subprocess.Com
             timeout=_SELFTEST_TIMEOUT,
         )
     except subprocess.TimeoutExpired:
-        _fail_selftest(
-            folder, f"the self-test failed: `{' '.join(command)}` did not end within {_SELFTEST_TIMEOUT:g} s"
-        )
+        why = f"did not end within {_SELFTEST_TIMEOUT:g} s"
     except OSError as error:
-        _fail_selftest(
-            folder, f"the self-test failed: `{' '.join(command)}` cannot be run: {error.strerror or error}"
-        )
+        why = f"cannot be run: {error.strerror or error}"
+    _fail_selftest(folder, f"the self-test failed: `{' '.join(command)}` {why}")
 
 
 def _fail_run(folder: Path, done: subprocess.CompletedProcess[str]) -> NoReturn:
@@ -249,10 +232,8 @@ def _fail_run(folder: Path, done: subprocess.CompletedProcess[str]) -> NoReturn:
     _fail_selftest(folder, f"{how}\n{done.stdout}{done.stderr}".rstrip())
 
 
-def _make_goal(folder: Path, copy: Path, compiler: "Compiler", goal: str) -> None:
+def _make_goal(folder: Path, copy: Path, compiler: Compiler, goal: str) -> None:
     """Make `goal`, with the stack of every function if the compiler can tell it."""
-    from symid.codegen.compiler import STACK_FLAG
-
     command = ["make", f"-j{os.cpu_count() or 1}", goal, f"CC={compiler.path}"]
     done = _run_command(folder, copy, [*command, f"CFLAGS={_SELFTEST_FLAGS} {STACK_FLAG}"])
     # A compiler that does not know the flag fails, and so does wrong code: then once more.
@@ -262,23 +243,21 @@ def _make_goal(folder: Path, copy: Path, compiler: "Compiler", goal: str) -> Non
         _fail_run(folder, done)
 
 
-def run_selftest(folder: Path, target: str, progress: Callable[[str], None]) -> SelfTestRun:
+def run_selftest(folder: Path, target: str, inputs: str, progress: Callable[[str], None]) -> BuildRecord:
     """Run the folder's own test in a copy of it and return how it went.
 
     Args:
         folder: as `write_sources` wrote it.
         target: its language.
+        inputs: see `compute_inputs_signature`.
         progress: told what begins.
 
     Raises:
         GenerationError: the test failed, or did not run to its end.
     """
-    from symid.codegen.compiler import measure_code_sizes
-    from symid.codegen.source_folder import read_manifest
-
     compiler, runner = choose_runner(target)
     if not runner:
-        return SelfTestRun(selftest="not run", runner="", flags="", sizes={})
+        return BuildRecord(inputs=inputs, selftest="not run")
     progress("running the self-test of the folder")
     manifest = read_manifest(folder) or {}
     prefix, names = str(manifest.get("prefix")), tuple(read_operations(manifest))
@@ -295,9 +274,8 @@ def run_selftest(folder: Path, target: str, progress: Callable[[str], None]) -> 
         if done.returncode or not _PASSED.fullmatch(done.stdout.rstrip("\n").rpartition("\n")[2]):
             _fail_run(folder, done)
         sizes = measure_code_sizes(copy, prefix, names) if target == "c" else {}
-    return SelfTestRun(
-        selftest="passed", runner=runner, flags=_SELFTEST_FLAGS if compiler else "", sizes=sizes
-    )
+    flags = _SELFTEST_FLAGS if compiler else ""
+    return BuildRecord(inputs=inputs, selftest="passed", runner=runner, flags=flags, sizes=sizes)
 
 
 TARGETS = ("c", "python", "casadi")
@@ -398,52 +376,34 @@ def generate_folder(
     inputs = compute_inputs_signature(robot, order.names, order, compiler=compiler, runner=runner)
     with lock_folder(folder, lambda: progress(f"{folder}: waiting for another run that writes it")):
         found = None if force else read_unchanged(folder, inputs)
-        manifest, record = found or _make_folder(robot, order, folder, inputs, progress, force=force)
+        if found is None:
+            sources = _derive_sources(robot, order, progress)
+            write_sources(sources, folder, force=force)
+            record = run_selftest(folder, order.target, inputs, progress)
+            manifest = write_build_record(folder, record, sources)
+        else:
+            manifest, record = found
+    text = "its self-test was not run: no C compiler or no make; install them, then `make check` there"
+    warning = Notice(code="generate.selftest-not-run", text=text, file=str(folder))
     return GeneratedFolder(
         folder=folder,
         manifest=manifest,
         record=record,
         unchanged=found is not None,
-        notices=list_selftest_warnings(folder, record.selftest),
+        notices=() if record.selftest == "passed" else (warning,),
     )
 
 
-def _make_folder(
-    robot: Robot,
-    order: CodeRequest,
-    folder: Path,
-    inputs: str,
-    progress: Callable[[str], None],
-    *,
-    force: bool,
-) -> tuple[Mapping[str, object], BuildRecord]:
-    """Derive, write and test; return the manifest, and what is remembered of the test."""
+def _derive_sources(robot: Robot, order: CodeRequest, progress: Callable[[str], None]) -> SourceSet:
+    # Imported here: where nothing has changed, neither CasADi nor SymPy is needed.
+    from symid.codegen.c_library import generate_c_library
     from symid.codegen.casadi_functions import build_functions
+    from symid.codegen.python_targets import generate_casadi_target, generate_python_module
 
     progress(f"deriving the functions of {robot.name}")
     functions = build_functions(
         robot, names=order.names, standard=order.parameters == "standard", constant=order.constant
     )
     progress(f"writing {order.target} code")
-    sources = _generate_sources(functions, order)
-    write_sources(sources, folder, force=force)
-    run = run_selftest(folder, order.target, progress)
-    record = BuildRecord(
-        inputs=inputs, selftest=run.selftest, runner=run.runner, flags=run.flags, sizes=run.sizes
-    )
-    return write_build_record(folder, record, sources), record
-
-
-def _generate_sources(functions: "Functions", order: CodeRequest) -> SourceSet:
-    match order.target:
-        case "c":
-            from symid.codegen.c_library import generate_c_library
-
-            return generate_c_library(functions, order.options)
-        case "python":
-            from symid.codegen.python_targets import generate_python_module
-
-            return generate_python_module(functions, order.options)
-    from symid.codegen.python_targets import generate_casadi_target
-
-    return generate_casadi_target(functions, order.options)
+    generate = {"c": generate_c_library, "python": generate_python_module, "casadi": generate_casadi_target}
+    return generate[order.target](functions, order.options)

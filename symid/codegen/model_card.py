@@ -8,7 +8,7 @@ Base or standard parameters, rotor inertias of elastic joints and friction may b
 Not supported: springs as constants; functions of hysteresis take h, so that a spring may be changed.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from fractions import Fraction
 
@@ -43,53 +43,27 @@ def _write_fraction(value: Fraction) -> str:
     return text if Fraction(text) == value else str(value)
 
 
-def _list_joint_cards(robot: Robot) -> Iterator[JointCard]:
-    for number, joint in enumerate(robot.joints, start=1):
-        if joint.mimic is None:
-            yield JointCard(
-                number=number,
-                name=joint.name,
-                kind=joint.kind.value,
-                friction=joint.friction.kind.value,
-                smoothing=joint.friction.smoothing,
-            )
-
-
-def _list_rotor_cards(robot: Robot) -> Iterator[ParameterCard]:
-    for index, joint in enumerate(robot.joints):
-        if joint.elasticity is not None and joint.drive.has_rotor:
-            yield ParameterCard(
-                name=f"IA{index + 1}",
-                expression=f"IA{index + 1}",
-                unit=get_label_unit(robot, (index, "IA")),
-                reason="the rotor turns with the motor, apart from the link",
-                joint=joint.name,
-                value=joint.drive.rotor_inertia,
-            )
-
-
-def _list_follower_cards(robot: Robot) -> Iterator[FollowerCard]:
-    for number, joint in enumerate(robot.joints, start=1):
-        if joint.mimic is not None:
-            yield FollowerCard(
-                number=number,
-                name=joint.name,
-                kind=joint.kind.value,
-                master=robot.joints[joint.mimic.master].name,
-                multiplier=_write_fraction(joint.mimic.multiplier),
-            )
-
-
 def build_model_card(robot: Robot, base: BaseParameters, specs: tuple[FunctionSpec, ...]) -> ModelCard:
     """Return what users of the functions must know of the model."""
     values = compute_parameter_values(robot, base)
+    numbered = list(enumerate(robot.joints, start=1))
     return ModelCard(
         robot=robot.name,
         signature=compute_model_signature(
             robot,
             [(parameter.name, parameter.expression) for parameter in (*base.parameters, *base.friction)],
         ),
-        joints=tuple(_list_joint_cards(robot)),
+        joints=tuple(
+            JointCard(
+                number=number,
+                name=joint.name,
+                kind=joint.kind.value,
+                friction=joint.friction.kind.value,
+                smoothing=joint.friction.smoothing,
+            )
+            for number, joint in numbered
+            if joint.mimic is None
+        ),
         beta=tuple(
             _build_parameter_card(robot, parameter, values.get(parameter.name))
             for parameter in base.parameters
@@ -99,8 +73,29 @@ def build_model_card(robot: Robot, base: BaseParameters, specs: tuple[FunctionSp
         ),
         functions=specs,
         vector=base.vector,
-        followers=tuple(_list_follower_cards(robot)),
-        rotors=tuple(_list_rotor_cards(robot)),
+        followers=tuple(
+            FollowerCard(
+                number=number,
+                name=joint.name,
+                kind=joint.kind.value,
+                master=robot.joints[joint.mimic.master].name,
+                multiplier=_write_fraction(joint.mimic.multiplier),
+            )
+            for number, joint in numbered
+            if joint.mimic is not None
+        ),
+        rotors=tuple(
+            ParameterCard(
+                name=f"IA{number}",
+                expression=f"IA{number}",
+                unit=get_label_unit(robot, (number - 1, "IA")),
+                reason="the rotor turns with the motor, apart from the link",
+                joint=joint.name,
+                value=joint.drive.rotor_inertia,
+            )
+            for number, joint in numbered
+            if joint.elasticity is not None and joint.drive.has_rotor
+        ),
         elasticity=tuple(joint.elasticity for joint in robot.axes) if any(robot.elastic) else (),
         springs=tuple(list_spring_parameters(robot)) if all(robot.elastic) else (),
     )

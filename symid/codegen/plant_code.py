@@ -3,7 +3,7 @@
 Compiled library of robot functions, `PlantRobot` (the robot's numbers), `PlantExperiment` -> `PlantLog`.
 
 The source is one file that knows no robot; it calls the robot's functions through their addresses. Its
-shared library stands in the cache folder under a key of its source, the compiler and the machine. The
+shared library stands in the cache under a key of its source, the compiler and the machine. The
 records are plain arrays for C and NumPy alike: n joints with m stops and l knees each; what a joint lacks
 has a weight or slope of zero.
 
@@ -13,47 +13,25 @@ changes during an experiment but the references.
 """
 
 import ctypes
-import os
 import platform
-import shutil
-import tempfile
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import final
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
-from symid.codegen.cache import (
-    describe_path_risk,
-    locate_user_folder,
-    make_cache_folder,
-    make_temporary_folder,
-    remove_entry,
-)
-from symid.codegen.compiler import Compiler, compile_sources, locate_compiler
-from symid.codegen.library import CasadiLibrary, CompiledLibrary, Library
+from symid.arrays import FloatArray, FrozenArrays
+from symid.codegen.cache import CacheEntry, obtain_entry
+from symid.codegen.compiler import compile_sources, locate_compiler
+from symid.codegen.library import Library, open_shared
 from symid.codegen.source_text import build_library_prefix
 from symid.environment import locate_resource_folder
-from symid.errors import GenerationError, Notice, OutputError
+from symid.errors import GenerationError, Notice
 from symid.serialization import compute_signature
 
 
-def freeze_fields(record: object) -> None:
-    """Make the arrays of a frozen dataclass read-only copies; those that nobody can write to stay."""
-    for field in fields(record):  # type: ignore[arg-type]  # a dataclass instance
-        value = getattr(record, field.name)
-        if isinstance(value, np.ndarray) and not _is_frozen(value):
-            object.__setattr__(record, field.name, freeze(value))
-
-
-def _is_frozen(array: FloatArray) -> bool:
-    flags = array.flags
-    return flags.owndata and flags.c_contiguous and not flags.writeable and array.dtype == np.float64
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PlantRobot:
+class PlantRobot(FrozenArrays):
     """Numbers of an elastic robot, SI units.
 
     Args:
@@ -74,10 +52,6 @@ class PlantRobot:
     knee: FloatArray
     slope: FloatArray
 
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        freeze_fields(self)
-
     @property
     def size(self) -> int:
         """Return the number of joints."""
@@ -85,7 +59,7 @@ class PlantRobot:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PlantExperiment:
+class PlantExperiment(FrozenArrays):
     """An experiment: what the motors are told at every tick, and where the robot starts, at rest.
 
         tau = clamp(Kp (angle - theta) + Kd (speed - dtheta) + torque, limit),   held until the next tick
@@ -112,10 +86,6 @@ class PlantExperiment:
     q: FloatArray
     theta: FloatArray
     play: FloatArray
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        freeze_fields(self)
 
     @property
     def ticks(self) -> int:
@@ -156,7 +126,7 @@ class PlantLog:
                 getattr(self, field.name).setflags(write=False)
 
 
-_PLANT_SOURCE = "c/plant.c"
+_PLANT_SOURCE, _PLANT_BINARY = "c/plant.c", "plant.so"
 _SIZES = ("n", "m", "l")
 _TABLES = ("rotor", "stiffness", "cubic", "damping", "radius", "weight", "knee", "slope")
 _REFERENCES = ("angle", "speed", "torque", "stiffness", "damping", "limit", "step")
@@ -228,19 +198,11 @@ class CompiledPlant:
 
 def has_addresses(library: Library) -> bool:
     """Return whether the library's functions are compiled, in double precision; CasADi's C counts as well."""
-    return _get_shared(library) is not None
-
-
-def _get_shared(library: Library) -> ctypes.CDLL | None:
-    if isinstance(library, CasadiLibrary):
-        return library.shared
-    if isinstance(library, CompiledLibrary) and library._dtype is np.float64:  # noqa: SLF001  same room
-        return library._shared  # noqa: SLF001  same room
-    return None
+    return library.engine.addresses is not None
 
 
 def _get_function_address(library: Library, name: str) -> int:
-    shared = _get_shared(library)
+    shared = library.engine.addresses
     if shared is None:
         text = f"the library of {library.card.robot!r} has no compiled functions in double precision"
         raise GenerationError(Notice(code="codegen.no-address", text=text))
@@ -251,51 +213,6 @@ def _get_function_address(library: Library, name: str) -> int:
 def _get_pointers(record: PlantRobot | PlantExperiment, names: tuple[str, ...]) -> dict[str, int]:
     arrays: dict[str, FloatArray] = {name: getattr(record, name) for name in names}
     return {name: int(array.ctypes.data) for name, array in arrays.items()}
-
-
-def _open_plant(path: Path, key: str) -> ctypes.CDLL | None:
-    """Return the library at `path`, None if there is none, or none of this key."""
-    try:
-        shared = ctypes.CDLL(str(path))
-        shared.symid_plant_key.restype = ctypes.c_char_p
-        return shared if shared.symid_plant_key() == key.encode() else None
-    except (OSError, AttributeError):
-        return None
-
-
-def _open_plant_copy(path: Path, key: str) -> ctypes.CDLL | None:
-    """Return the library at `path` as it is now: the loader gives back what it already has under a name."""
-    with tempfile.TemporaryDirectory(prefix="symid-") as scratch:
-        return _open_plant(Path(shutil.copy(path, scratch)), key)
-
-
-def _build_plant(compiler: Compiler, source: Path, path: Path, key: str) -> None:
-    """Compile the plant to `path`, which appears by one rename."""
-    marked = replace(compiler, flags=(*compiler.flags, f'-DSYMID_PLANT_KEY="{key}"'))
-    make_cache_folder(path.parent)
-    with tempfile.TemporaryDirectory(dir=path.parent, prefix=".plant-") as scratch:
-        made = compile_sources(marked, [source], Path(scratch) / path.name)
-        shutil.move(made, path)
-
-
-def _obtain_plant(compiler: Compiler, source: Path, folder: Path, key: str) -> ctypes.CDLL:
-    path = folder / f"plant-{key[:24]}.so"
-    # What somebody else may have written is not loaded.
-    trusted = not (os.path.lexists(path) and describe_path_risk(path))
-    shared = _open_plant(path, key) if trusted else None
-    if shared is None:
-        try:
-            if not trusted:
-                remove_entry(path)
-            _build_plant(compiler, source, path, key)
-        except OSError as error:
-            text = f"the cache folder cannot be written: {error.strerror or error}"
-            raise OutputError(Notice(code="output.cache", text=text, file=str(folder))) from error
-        shared = _open_plant(path, key) or _open_plant_copy(path, key)
-    if shared is None:
-        text = "the compiled plant cannot be loaded; remove it, and check the compiler with `symid doctor`"
-        raise GenerationError(Notice(code="codegen.cannot-load", text=text, file=str(path)))
-    return shared
 
 
 def load_plant_code(*, compiler: str | None = None, cache: Path | None = None) -> CompiledPlant | None:
@@ -315,15 +232,14 @@ def load_plant_code(*, compiler: str | None = None, cache: Path | None = None) -
         return None
     source = locate_resource_folder("templates") / _PLANT_SOURCE
     machine = (platform.system(), platform.machine())
+
+    def make(folder: Path) -> None:
+        folder.mkdir()
+        compile_sources(found, [source], folder / _PLANT_BINARY)
+
+    def load(folder: Path) -> ctypes.CDLL:
+        return open_shared(folder / _PLANT_BINARY)
+
     key = compute_signature("plant", source.read_bytes(), found, machine)
-    folder = cache or locate_user_folder()
-    if folder is not None:
-        try:
-            return CompiledPlant(shared=_obtain_plant(found, source, folder, key))
-        except OutputError:
-            if cache is not None:
-                raise
-    temporary = make_temporary_folder()
-    text = "the compiled plant is kept in this temporary folder; set XDG_CACHE_HOME to a folder of yours"
-    notice = Notice(code="codegen.cache-temporary", text=text, file=str(temporary))
-    return CompiledPlant(shared=_obtain_plant(found, source, temporary, key), notices=(notice,))
+    shared, notices = obtain_entry(CacheEntry(name="plant", key=key, make=make, load=load), cache)
+    return CompiledPlant(shared=shared, notices=notices)

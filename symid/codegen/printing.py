@@ -69,9 +69,8 @@ def _write_element_index(port: Port, element: int) -> str:
 def _list_last_uses(program: Program) -> list[int]:
     last = [0] * (len(program.instructions) + 1)
     for number, instruction in enumerate(program.instructions, start=1):
-        if instruction.op is not Op.INPUT:
-            for ref in instruction.args:
-                last[abs(ref)] = number
+        for operand in instruction.operands:
+            last[operand] = number
     for refs in program.outputs:
         for ref in refs:
             last[abs(ref)] = len(program.instructions) + 1
@@ -103,7 +102,7 @@ def print_python(program: Program) -> FunctionBody:
             text = f"{port.name}[{_write_element_index(port, element)}]"
         else:
             text = write_instruction(instruction, read, call)
-            for number_read in sorted({abs(ref) for ref in instruction.args}):
+            for number_read in sorted(set(instruction.operands)):
                 if last[number_read] == number and number_read in registers:
                     heapq.heappush(free, registers.pop(number_read))
         if not free:
@@ -158,7 +157,7 @@ def group_angles(program: Program) -> GroupedAngles:
     sources: list[frozenset[int]] = [frozenset()]
     places: dict[int, int] = {}
     for number, instruction in enumerate(program.instructions, start=1):
-        operands = () if instruction.op is Op.INPUT else tuple(map(abs, instruction.args))
+        operands = instruction.operands
         plain = instruction.op in _WITHOUT_STATEMENT or (
             instruction.op in INFIX and all(found[k] for k in operands)
         )
@@ -306,24 +305,24 @@ def print_simd(program: Program, precision: str) -> tuple[str, ...]:
             printer.promise(group, write)
     read = (instruction.args for instruction in program.instructions if instruction.op is Op.INPUT)
     used = sorted({(number, element) for number, element in read if not inputs[number].shared})
-    return (*(_write_load(inputs[number], element) for number, element in used), *printer.print())
+    loads = (
+        f"const lanes {port.name}{element} = GATHER({_write_place(port, element)}, {port.size});"
+        for port, element in ((inputs[number], element) for number, element in used)
+    )
+    return (*loads, *printer.print())
 
 
-def _write_load(port: Port, element: int) -> str:
-    start = f"{port.name} + {port.size} * k" + (f" + {element}" if element else "")
-    return f"const lanes {port.name}{element} = GATHER({start}, {port.size});"
+def _write_place(port: Port, element: int) -> str:
+    return f"{port.name} + {port.size} * k" + (f" + {element}" if element else "")
 
 
 def _write_store(printer: _CPrinter, port: Port, first: int, refs: tuple[int, ...]) -> str:
     texts = [printer.read(ref) for ref in refs]
-    size = port.size
-
-    def find_target(element: int) -> str:
-        return f"{port.name} + {size} * k" + (f" + {element}" if element else "")
-
     if len(texts) == _GROUP_SIZE:
-        return f"store_eight({find_target(first)}, {size}, (const lanes[]){{{', '.join(texts)}}});"
-    stores = (f"store_one({find_target(first + k)}, {size}, {text});" for k, text in enumerate(texts))
+        listed = ", ".join(texts)
+        return f"store_eight({_write_place(port, first)}, {port.size}, (const lanes[]){{{listed}}});"
+    places = (_write_place(port, first + k) for k in range(len(texts)))
+    stores = (f"store_one({at}, {port.size}, {text});" for at, text in zip(places, texts, strict=True))
     return " ".join(stores)
 
 

@@ -6,21 +6,16 @@ printed, and its operation counts.
 A reference is the one-based number of an instruction; a minus sign in front of it means the value with the
 other sign, so that negation costs no instruction. In a table equal expressions are one entry: constants
 are folded, 0, 1, -1 and 2 cost nothing, constant factors are put together, (a - b) + b = a, and there is
-one zero. `ValueAlgebra` is the scalar algebra over such references, so that a route is counted in
-milliseconds.
+one zero. Derivatives are written into the same table, forward or backward (Griewank and Walther 2008).
 
-Derivatives are written into the same table: forward, one pass per direction; backward, one pass per value,
-all derivatives at once (Griewank and Walther 2008).
-
-Finished programs are ordered depth first, so that few values are alive at a time, which saves registers in
-C and whole arrays in NumPy: a value is computed when the first that needs it is next, and of two operands
-first the one that needs more values itself (Sethi and Ullman 1970, for trees).
+Finished programs are ordered depth first, so that few values are alive at a time: a value is computed when
+the first that needs it is next, and of two operands first the one that needs more values itself (Sethi and
+Ullman 1970, for trees).
 
 Supported: sums, products, quotients, elementary functions, sign, selection, greater and smaller of two;
-numbers as the nearest doubles, or exact ones kept as inputs of their own, symbolic lengths with them;
-derivatives of sums, products, quotients, sine and cosine.
-Not supported: loops, branches, calls; rules that put sums together in another way; doubles of symbolic
-lengths without a value; derivatives of other operations, which are refused by name.
+numbers as the nearest doubles, or exact ones kept as inputs of their own, symbolic lengths with them.
+Not supported: loops, branches, calls; rules that put sums together in another way; derivatives of other
+operations than sums, products, quotients, sine and cosine (refused by name).
 """
 
 import math
@@ -77,6 +72,11 @@ class Instruction:
     args: tuple[int, ...] = ()
     constant: float = 0.0
 
+    @property
+    def operands(self) -> tuple[int, ...]:
+        """Return the numbers of the instructions whose values it takes."""
+        return () if self.op is Op.INPUT else tuple(map(abs, self.args))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Program:
@@ -112,15 +112,11 @@ def count_operations(program: Program) -> Operations:
     )
 
 
-def _list_operands(instruction: Instruction) -> tuple[int, ...]:
-    return () if instruction.op is Op.INPUT else tuple(map(abs, instruction.args))
-
-
 def _count_live_values(program: Program) -> list[int]:
     """Return how many values are alive at once while a value is computed, were none used twice."""
     needs = [0]
     for instruction in program.instructions:
-        below = sorted((needs[k] for k in set(_list_operands(instruction))), reverse=True)
+        below = sorted((needs[k] for k in set(instruction.operands)), reverse=True)
         needs.append(max([1, *(need + k for k, need in enumerate(below))]))
     return needs
 
@@ -134,7 +130,7 @@ def _list_depth_first(program: Program) -> list[int]:
             waiting = [abs(ref)]
             while waiting:
                 number = waiting[-1]
-                operands = _list_operands(program.instructions[number - 1])
+                operands = program.instructions[number - 1].operands
                 missing = [k for k in reversed(operands) if k not in order]
                 if missing:
                     # The last one on the stack comes first; of equal needs the first operand.
@@ -370,11 +366,18 @@ class ExpressionTable:
             trig=sum(map(ops.count, ELEMENTARY)),
         )
 
-    def collect(
-        self, outputs: Iterable[Iterable[int]]
-    ) -> tuple[tuple[Instruction, ...], tuple[tuple[int, ...], ...]]:
-        """Return the instructions that `outputs` need, in order and numbered anew, and the outputs."""
+    def build_program(self, spec: FunctionSpec, outputs: Iterable[Iterable[int]]) -> Program:
+        """Return the instructions that `outputs` need, in order and numbered anew.
+
+        Args:
+            spec: what the program computes.
+            outputs: the references of each output port, row-major.
+        """
         wanted = [tuple(port) for port in outputs]
+        for port, refs in zip(spec.outputs, wanted, strict=True):
+            if len(refs) != port.size:
+                message = f"{spec.name}, {port.name}: expected {port.size} values, got {len(refs)}"
+                raise ValueError(message)
         kept = self._find_needed(ref for port in wanted for ref in port)
         renumbered = {old: new for new, old in enumerate(kept, start=1)}
 
@@ -388,8 +391,11 @@ class ExpressionTable:
                 return Instruction(op, (), self._constants[number])
             return Instruction(op, args if op is Op.INPUT else tuple(map(move, args)))
 
-        instructions = tuple(map(rewrite, kept))
-        return instructions, tuple(tuple(map(move, port)) for port in wanted)
+        return Program(
+            spec=spec,
+            instructions=tuple(map(rewrite, kept)),
+            outputs=tuple(tuple(map(move, port)) for port in wanted),
+        )
 
 
 NUMBERS = -2

@@ -11,82 +11,67 @@ Not supported: float; Jacobians in C of regressors, of the Coriolis matrix and o
 be most of the code; .casadi files have them.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 
 import casadi as ca
 
-from symid import __version__
 from symid.codegen.casadi_functions import Functions, get_matrix_shape
 from symid.codegen.functions import FunctionSpec, Port
 from symid.codegen.library import compute_build_digest
-from symid.codegen.material import (
-    BANNER,
-    Material,
-    ModuleState,
-    ModuleTest,
-    build_module_states,
-    build_module_tests,
-    prepare_material,
-    write_manifest,
-    write_operations,
-)
+from symid.codegen.material import BANNER, Material, prepare_material, write_manifest, write_operations
 from symid.codegen.printing import print_python
 from symid.codegen.programs import Operations, Program
-from symid.codegen.references import PER_UNIT, WEIGHTS, WHOLE
+from symid.codegen.references import PER_UNIT, WEIGHTS, Reference, ReferenceRows
 from symid.codegen.source_folder import SourceSet, compute_digest
-from symid.codegen.source_text import GenerateOptions, write_template
+from symid.codegen.source_text import GenerateOptions
 
 _TOLERANCE = "1e-12"
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ModuleFunction:
-    """One function of the module."""
-
-    name: str
-    meaning: str
-    arguments: str
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    operations: str
-    statements: tuple[str, ...]
-    returns: str
+Fields = dict[str, object]
+"""One entry of a list in a template."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ModuleContext:
-    """module.py.jinja."""
-
-    banner: str
-    robot: str
-    version: str
-    signature: str
-    tolerance: str
-    per_unit: str
-    whole: int
-    weights: str
-    state_count: int
-    names: str
-    extent: str
-    joint_count: int
-    joint_lines: tuple[str, ...]
-    beta_title: str
-    beta_lines: tuple[str, ...]
-    friction_lines: tuple[str, ...]
-    elastic_lines: tuple[str, ...]
-    functions: tuple[ModuleFunction, ...]
-    states: tuple[ModuleState, ...]
-    tests: tuple[ModuleTest, ...]
+def _write_rows(rows: Iterable[Sequence[float]]) -> tuple[str, ...]:
+    return ("[", *(f"    {list(row)!r}," for row in rows), "]")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ModuleReadmeContext:
-    """README.md.jinja."""
+def _describe_states(material: Material) -> list[Fields]:
+    """Return every input that a function is given, once; functions use it by its name and size."""
+    found: dict[str, Fields] = {}
+    for program, reference in zip(material.programs, material.references, strict=True):
+        for port, name, rows in zip(program.spec.inputs, reference.tables, reference.inputs, strict=True):
+            if name in found:
+                continue
+            lines: tuple[str, ...] = (repr(list(rows[0])),)
+            if not port.shared:
+                lines = _write_rows([round(value * PER_UNIT) for value in row] for row in rows)
+            found[name] = {"name": name, "shared": port.shared, "lines": lines}
+    return list(found.values())
 
-    prefix: str
-    robot: str
-    version: str
+
+def _describe_test(program: Program, reference: Reference) -> Fields:
+    def write(rows: ReferenceRows) -> str:
+        return f"np.array({[list(row) for row in rows]!r})"
+
+    tables = zip(reference.whole, reference.sums, reference.scales, strict=True)
+    return {
+        "name": program.spec.name,
+        "inputs": repr(reference.tables),
+        "outputs": [f"({write(whole)}, {write(sums)}, {scale!r})" for whole, sums, scale in tables],
+    }
+
+
+def _write_module(material: Material, template: str, **values: object) -> str:
+    """Return a template of a Python module, with the tables of its self-test."""
+    return material.write(
+        template,
+        tolerance=_TOLERANCE,
+        weights=repr(WEIGHTS),
+        elastic_lines=[line.replace("  ", "    ", 1) for line in material.elastic_lines],
+        states=_describe_states(material),
+        tests=list(map(_describe_test, material.programs, material.references)),
+        **values,
+    )
 
 
 def _write_shape(port: Port) -> str:
@@ -114,46 +99,18 @@ def _write_statements(program: Program) -> tuple[str, ...]:
     )
 
 
-def _write_module_function(program: Program, count: Operations) -> ModuleFunction:
+def _describe_function(program: Program, count: Operations) -> Fields:
     spec = program.spec
-    return ModuleFunction(
-        name=spec.name,
-        meaning=spec.meaning,
-        arguments=", ".join(port.name for port in spec.inputs),
-        inputs=tuple(map(_describe_array_port, spec.inputs)),
-        outputs=tuple(map(_describe_array_port, spec.outputs)),
-        operations=write_operations(count),
-        statements=_write_statements(program),
-        returns=", ".join(port.name for port in spec.outputs),
-    )
-
-
-def _write_module(material: Material) -> str:
-    programs = material.programs
-    counted = zip(programs, material.operations, strict=True)
-    context = ModuleContext(
-        banner=BANNER,
-        robot=material.robot,
-        version=__version__,
-        signature=material.card.signature,
-        tolerance=_TOLERANCE,
-        per_unit=repr(float(PER_UNIT)),
-        whole=min(WHOLE, material.options.states),
-        weights=repr(WEIGHTS),
-        state_count=material.options.states,
-        names=", ".join(f'"{program.spec.name}"' for program in programs),
-        extent=material.extent,
-        joint_count=material.card.size,
-        joint_lines=material.joint_lines,
-        beta_title=material.beta_title,
-        beta_lines=material.beta_lines,
-        friction_lines=material.friction_lines,
-        elastic_lines=tuple(line.replace("  ", "    ", 1) for line in material.elastic_lines),
-        functions=tuple(_write_module_function(program, count) for program, count in counted),
-        states=build_module_states(programs, material.references),
-        tests=build_module_tests(programs, material.references),
-    )
-    return write_template("python/module.py.jinja", context)
+    return {
+        "name": spec.name,
+        "meaning": spec.meaning,
+        "arguments": ", ".join(port.name for port in spec.inputs),
+        "inputs": list(map(_describe_array_port, spec.inputs)),
+        "outputs": list(map(_describe_array_port, spec.outputs)),
+        "operations": write_operations(count),
+        "statements": _write_statements(program),
+        "returns": ", ".join(port.name for port in spec.outputs),
+    }
 
 
 def generate_python_module(functions: Functions, options: GenerateOptions | None = None) -> SourceSet:
@@ -163,11 +120,13 @@ def generate_python_module(functions: Functions, options: GenerateOptions | None
         GenerationError: a function holds an operation without a NumPy form, or disagrees with itself.
     """
     material = prepare_material(functions, options or GenerateOptions())
-    readme = ModuleReadmeContext(prefix=material.prefix, robot=material.robot, version=__version__)
-    files = (
-        (f"{material.prefix}.py", _write_module(material)),
-        ("README.md", write_template("python/README.md.jinja", readme)),
+    module = _write_module(
+        material,
+        "python/module.py.jinja",
+        names=", ".join(f'"{program.spec.name}"' for program in material.programs),
+        functions=list(map(_describe_function, material.programs, material.operations)),
     )
+    files = ((f"{material.prefix}.py", module), ("README.md", material.write("python/README.md.jinja")))
     manifest = write_manifest(material, "python", files)
     return SourceSet(name=material.prefix, files=files, manifest=manifest)
 
@@ -181,83 +140,6 @@ _JACOBIANS = frozenset(
         "elastic_inverse_dynamics",
     }
 )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LoaderFunction:
-    """One function as the loader lists it."""
-
-    name: str
-    meaning: str
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    jacobian: bool
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LoaderContext:
-    """loader.py.jinja."""
-
-    banner: str
-    prefix: str
-    robot: str
-    version: str
-    signature: str
-    tolerance: str
-    jacobian_tolerance: str
-    per_unit: str
-    whole: int
-    weights: str
-    state_count: int
-    extent: str
-    joint_lines: tuple[str, ...]
-    beta_title: str
-    beta_lines: tuple[str, ...]
-    friction_lines: tuple[str, ...]
-    elastic_lines: tuple[str, ...]
-    functions: tuple[LoaderFunction, ...]
-    states: tuple[ModuleState, ...]
-    tests: tuple[ModuleTest, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CasadiCall:
-    """A function as plain C has it, a pointer for each input and output."""
-
-    name: str
-    arguments: str
-    inputs: str
-    outputs: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CasadiInfoContext:
-    """info.c.jinja."""
-
-    banner: str
-    prefix: str
-    digest: str
-    calls: tuple[CasadiCall, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CasadiMakefileContext:
-    """Makefile.jinja."""
-
-    banner: str
-    prefix: str
-    objects: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CasadiReadmeContext:
-    """README.md.jinja."""
-
-    prefix: str
-    robot: str
-    version: str
-    casadi: str
-    example: str
 
 
 # What the compiled plant of elastic robots calls.
@@ -283,15 +165,16 @@ def _write_c(name: str, functions: Sequence[ca.Function]) -> str:
     return f"/* {BANNER} */\n{generator.dump()}"
 
 
-def _write_call(spec: FunctionSpec) -> CasadiCall:
+def _describe_call(spec: FunctionSpec) -> Fields:
+    """Return a function as plain C has it, a pointer for each input and output."""
     inputs, outputs = ([port.name for port in ports] for ports in (spec.inputs, spec.outputs))
     arguments = [*(f"const double *{name}" for name in inputs), *(f"double *{name}" for name in outputs)]
-    return CasadiCall(
-        name=spec.name,
-        arguments=", ".join(arguments),
-        inputs=", ".join(inputs),
-        outputs=", ".join(outputs),
-    )
+    return {
+        "name": spec.name,
+        "arguments": ", ".join(arguments),
+        "inputs": ", ".join(inputs),
+        "outputs": ", ".join(outputs),
+    }
 
 
 def _write_c_files(material: Material, functions: Sequence[ca.Function]) -> list[tuple[str, str]]:
@@ -306,50 +189,22 @@ def _write_c_files(material: Material, functions: Sequence[ca.Function]) -> list
         precision="double",
         files={path: compute_digest(text.encode()) for path, text in files},
     )
-    called = (spec for spec in material.card.functions if spec.name in _PLANT_FUNCTIONS)
-    context = CasadiInfoContext(
-        banner=BANNER, prefix=material.prefix, digest=digest, calls=tuple(map(_write_call, called))
-    )
-    return [*files, (info, write_template("casadi/info.c.jinja", context))]
+    calls = [_describe_call(spec) for spec in material.card.functions if spec.name in _PLANT_FUNCTIONS]
+    return [*files, (info, material.write("casadi/info.c.jinja", digest=digest, calls=calls))]
 
 
 def _describe_matrix_port(port: Port) -> str:
     return repr((port.name, get_matrix_shape(port), port.unit, port.meaning))
 
 
-def _write_loader(material: Material) -> str:
-    context = LoaderContext(
-        banner=BANNER,
-        prefix=material.prefix,
-        robot=material.robot,
-        version=__version__,
-        signature=material.card.signature,
-        tolerance=_TOLERANCE,
-        jacobian_tolerance=_JACOBIAN_TOLERANCE,
-        per_unit=repr(float(PER_UNIT)),
-        whole=min(WHOLE, material.options.states),
-        weights=repr(WEIGHTS),
-        state_count=material.options.states,
-        extent=material.extent,
-        joint_lines=material.joint_lines,
-        beta_title=material.beta_title,
-        beta_lines=material.beta_lines,
-        friction_lines=material.friction_lines,
-        elastic_lines=tuple(line.replace("  ", "    ", 1) for line in material.elastic_lines),
-        functions=tuple(
-            LoaderFunction(
-                name=spec.name,
-                meaning=spec.meaning,
-                inputs=tuple(map(_describe_matrix_port, spec.inputs)),
-                outputs=tuple(map(_describe_matrix_port, spec.outputs)),
-                jacobian=spec.name in _JACOBIANS,
-            )
-            for spec in material.card.functions
-        ),
-        states=build_module_states(material.programs, material.references),
-        tests=build_module_tests(material.programs, material.references),
-    )
-    return write_template("casadi/loader.py.jinja", context)
+def _describe_casadi_function(spec: FunctionSpec) -> Fields:
+    return {
+        "name": spec.name,
+        "meaning": spec.meaning,
+        "inputs": list(map(_describe_matrix_port, spec.inputs)),
+        "outputs": list(map(_describe_matrix_port, spec.outputs)),
+        "jacobian": spec.name in _JACOBIANS,
+    }
 
 
 def generate_casadi_target(functions: Functions, options: GenerateOptions | None = None) -> SourceSet:
@@ -363,21 +218,23 @@ def generate_casadi_target(functions: Functions, options: GenerateOptions | None
     material = prepare_material(functions, options or GenerateOptions())
     prefix = material.prefix
     sources = _write_c_files(material, functions.functions)
-    make = CasadiMakefileContext(
-        banner=BANNER, prefix=prefix, objects=" ".join(f"{path.removesuffix('.c')}.o" for path, _ in sources)
-    )
-    readme = CasadiReadmeContext(
-        prefix=prefix,
-        robot=material.robot,
-        version=__version__,
+    objects = " ".join(f"{path.removesuffix('.c')}.o" for path, _ in sources)
+    readme = material.write(
+        "casadi/README.md.jinja",
         casadi=ca.CasadiMeta.version(),
         example=material.card.functions[0].name,
+    )
+    loader = _write_module(
+        material,
+        "casadi/loader.py.jinja",
+        jacobian_tolerance=_JACOBIAN_TOLERANCE,
+        functions=list(map(_describe_casadi_function, material.card.functions)),
     )
     files = (
         *((f"{function.name()}.casadi", _serialize(function)) for function in functions.functions),
         *sources,
-        (f"{prefix}_casadi.py", _write_loader(material)),
-        ("Makefile", write_template("casadi/Makefile.jinja", make)),
-        ("README.md", write_template("casadi/README.md.jinja", readme)),
+        (f"{prefix}_casadi.py", loader),
+        ("Makefile", material.write("casadi/Makefile.jinja", objects=objects)),
+        ("README.md", readme),
     )
     return SourceSet(name=prefix, files=files, manifest=write_manifest(material, "casadi", files))

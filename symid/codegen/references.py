@@ -1,24 +1,20 @@
 """Reference values for self-tests, the same digits on every machine.
 
 Programs and the CasADi functions built from them -> `Reference`: random states, which all functions share,
-and the outputs there: each element at the first states, and at all states sums of the elements with
-weights, which keep a table small.
+and the outputs there: each element at the first states, and at all states weighted sums of the elements,
+which keep a table small.
 
-Values come from the programs in 50-digit arithmetic: sums, products, quotients and roots are those of
-decimal arithmetic, each rounded correctly, the other functions are mpmath's with 60 digits; no compiler's
-library of mathematics takes part. Each must agree with what CasADi computes in doubles.
-
-Most states are near zero. At a few, inputs of which a function takes nothing but sines and cosines lie far
-out: code treats these in one way up to a limit, where whole turns are taken off, and in another beyond it.
-Where a function uses an angle otherwise, as a spring does, rounding would hide all else; it stays near.
+Values come from the programs in 50-digit arithmetic: decimal, each operation rounded correctly, and mpmath
+for elementary functions; no compiler's library of mathematics takes part. Each must agree with what CasADi
+computes in doubles. Most states are near zero; at a few, inputs of which a function takes nothing but sines
+and cosines lie far out, within and beyond the limit up to which code takes whole turns off by itself.
 
 Random base parameters belong to no robot: mass matrices come near to singular ones, and the forward
 dynamics would be a test of rounding. The mass matrix M is linear in beta, so beta for which it is positive
-definite are found by projecting in turn on the matrices with eigenvalues of at least one and on those of
-some beta:
+definite are found by alternating projections on convex sets: matrices with eigenvalues of at least one, and
+those of some beta:
     M_k <- V max(L, 1) V^T of M(q_k, beta) = V L V^T,  beta <- argmin sum_k |M(q_k, beta) - M_k|^2
-(alternating projections on convex sets). A multiple of it is added to random numbers until M is well
-conditioned at every state.
+A multiple of it is added to random numbers until M is well conditioned at every state.
 
 Supported: all operations of `Op`; base and standard parameters.
 Not supported: values that are not finite (refused); inputs that are matrices; physical consistency of
@@ -190,7 +186,7 @@ def _list_input_uses(program: Program) -> tuple[InputElements, InputElements]:
             elements[number] = (port.name, port.size, instruction.args[1])
             continue
         found = taken if instruction.op in _ANGLE_OPS else otherwise
-        found.update(elements[abs(ref)] for ref in instruction.args if abs(ref) in elements)
+        found.update(elements[number] for number in instruction.operands if number in elements)
     given = (abs(ref) for refs in program.outputs for ref in refs)
     otherwise.update(elements[ref] for ref in given if ref in elements)
     return frozenset(taken), frozenset(otherwise)
@@ -247,26 +243,19 @@ class SampleStates:
             _draw_far_angles(rng, drawn, columns, self.limit)
         return drawn
 
-    def _find_near(self, program: Program) -> InputElements:
-        """Return the elements that stay near: all of a port, if `program` needs one of them to."""
+    def find_all(self, program: Program) -> tuple[tuple[str, ...], list[FloatArray]]:
+        """Return the values of all inputs of `program`, and names of them: equal names, equal values."""
         _, otherwise = _list_input_uses(program)
+        # All of a port stays near, if the program needs one of its elements to.
         ports = {element[:2] for element in otherwise & self.angles}
-        return frozenset(element for element in self.angles if element[:2] in ports)
-
-    def find_all(self, program: Program) -> list[FloatArray]:
-        """Return the values of all inputs of `program`."""
-        near = self._find_near(program)
-        return [self.find(port, near) for port in program.spec.inputs]
-
-    def find_tables(self, program: Program) -> tuple[str, ...]:
-        """Return a name of the values of each input; those of the same name are the same values."""
-        near = {element[:2] for element in self._find_near(program)}
+        near = frozenset(element for element in self.angles if element[:2] in ports)
 
         def name(port: Port) -> str:
             own = f"{port.name}_{port.size}"
-            return port.name if port.shared else f"{own}_near" if (port.name, port.size) in near else own
+            return port.name if port.shared else f"{own}_near" if (port.name, port.size) in ports else own
 
-        return tuple(map(name, program.spec.inputs))
+        inputs = program.spec.inputs
+        return tuple(map(name, inputs)), [self.find(port, near) for port in inputs]
 
 
 def _stack_samples(port: Port, values: FloatArray, count: int) -> ca.DM:
@@ -307,11 +296,6 @@ _ROUNDING_EDGE = 0.137
 MassEvaluator = Callable[[FloatArray], FloatArray]
 
 
-def _draw_parameters(card: ModelCard, states: SampleStates) -> list[FloatArray]:
-    beta = Port(name=card.vector, shape=(len(card.beta),), unit="", meaning="")
-    return list(SampleStates(count=_ATTEMPTS, seed=states.seed, shared={}).find(beta))
-
-
 def _project_positive_definite(columns: FloatArray, size: int) -> FloatArray:
     """Return beta of a positive definite mass matrix at every state, as far as there is one."""
     inverse = np.linalg.pinv(columns, rcond=1e-9)
@@ -346,11 +330,6 @@ def _add_inertia(card: ModelCard, evaluate: MassEvaluator, draws: Sequence[Float
     return [strengthen(draw) for draw in draws]
 
 
-def _takes_parameters(program: Program, card: ModelCard) -> bool:
-    """Return whether this is the mass matrix, of parameters that are no constants."""
-    return program.spec.name == "mass_matrix" and card.vector in {port.name for port in program.spec.inputs}
-
-
 def choose_parameters(
     card: ModelCard, functions: Sequence[ca.Function], programs: Sequence[Program], states: SampleStates
 ) -> list[tuple[float, ...]]:
@@ -365,14 +344,17 @@ def choose_parameters(
     stated = [parameter.value for parameter in card.beta]
     known = [np.array([value for value in stated if value is not None])]
     given = known if len(known[0]) == len(stated) and np.isfinite(known[0]).all() else []
-    draws = _draw_parameters(card, states)
-    found = [k for k, program in enumerate(programs) if _takes_parameters(program, card)]
-    if found and stated:
-        function, program = functions[found[0]], programs[found[0]]
+    drawn = SampleStates(count=_ATTEMPTS, seed=states.seed, shared={})
+    draws = list(drawn.find(Port(name=card.vector, shape=(len(card.beta),), unit="", meaning="")))
+    specs = [program.spec for program in programs]
+    names = [spec.name for spec in specs if card.vector in {port.name for port in spec.inputs}]
+    if "mass_matrix" in names and stated:
+        place = [spec.name for spec in specs].index("mass_matrix")
+        function, program = functions[place], programs[place]
 
         def evaluate(beta: FloatArray) -> FloatArray:
             at = replace(states, shared={card.vector: tuple(beta.tolist())})
-            (matrices,) = evaluate_casadi(function, program, at.find_all(program), states.count)
+            (matrices,) = evaluate_casadi(function, program, at.find_all(program)[1], states.count)
             return matrices.reshape(-1, card.size, card.size)
 
         given = [beta for beta in given if _compute_condition(evaluate(beta)) < _LARGEST_CONDITION]
@@ -380,7 +362,9 @@ def choose_parameters(
     return [tuple(beta.tolist()) for beta in (*given, *draws)]
 
 
-def estimate_amplification(function: ca.Function, program: Program, states: SampleStates) -> float:
+def estimate_amplification(
+    function: ca.Function, program: Program, inputs: Sequence[FloatArray], count: int
+) -> float:
     """Return by how much more than a well conditioned function `program` may amplify errors of rounding.
 
     One, but for the forward dynamics where there was no mass matrix to choose parameters by: the condition of
@@ -390,17 +374,15 @@ def estimate_amplification(function: ca.Function, program: Program, states: Samp
     ports = [port.name for port in program.spec.inputs]
     if program.spec.name != "forward_dynamics" or "tau" not in ports:
         return 1.0
-    inputs, place = states.find_all(program), ports.index("tau")
+    place = ports.index("tau")
     at_rest, *pushed = (
-        evaluate_casadi(function, program, [*inputs[:place], tau, *inputs[place + 1 :]], states.count)[0]
+        evaluate_casadi(function, program, [*inputs[:place], tau, *inputs[place + 1 :]], count)[0]
         for tau in (np.zeros(inputs[place].shape[1]), *np.eye(inputs[place].shape[1]))
     )
     condition = _compute_condition(np.stack([values - at_rest for values in pushed], axis=2))
-    return (
-        float(2.0 ** max(0, int(np.ceil(np.log2(condition / _GOOD_CONDITION)))))
-        if np.isfinite(condition)
-        else 1.0
-    )
+    if not np.isfinite(condition):
+        return 1.0
+    return float(2.0 ** max(0, int(np.ceil(np.log2(condition / _GOOD_CONDITION)))))
 
 
 # Errors are measured by the largest value of an output; one below NEGLIGIBLE is zero but for rounding, and
@@ -441,17 +423,6 @@ class Reference:
     whole: tuple[tuple[tuple[float, ...], ...], ...]
     sums: tuple[tuple[tuple[float, ...], ...], ...]
     scales: tuple[float, ...]
-
-
-def _choose_spring_values(card: ModelCard) -> dict[str, tuple[float, ...]]:
-    """Return h: random numbers would be no springs, and have no inverse."""
-    if not card.springs:
-        return {}
-    values = (
-        _STIFFNESSES[parameter.name.startswith("k0")] if parameter.value is None else parameter.value
-        for parameter in card.springs
-    )
-    return {"h": tuple(values)}
 
 
 def _compute_scales(values: FloatArray) -> FloatArray:
@@ -496,15 +467,15 @@ def _sum_weighted(exact: DecimalArray) -> FloatArray:
 
 
 def _build_reference(function: ca.Function, program: Program, states: SampleStates) -> Reference:
-    inputs = states.find_all(program)
+    tables, inputs = states.find_all(program)
     exact = compute_exact_outputs(program, [_convert_to_decimals(values) for values in inputs], states.count)
     outputs = [values.astype(np.float64) for values in exact]
     if not all(np.isfinite(values).all() for values in outputs):
         raise build_no_value_error(program, "an output is not finite")
-    amplification = estimate_amplification(function, program, states)
+    amplification = estimate_amplification(function, program, inputs, states.count)
     _check_agreement(program, outputs, evaluate_casadi(function, program, inputs, states.count))
     return Reference(
-        tables=states.find_tables(program),
+        tables=tables,
         inputs=tuple(map(_convert_to_rows, inputs)),
         whole=tuple(_convert_to_rows(values[:WHOLE]) for values in outputs),
         sums=tuple(_convert_to_rows(_sum_weighted(values)) for values in exact),
@@ -521,11 +492,16 @@ def build_references(
         GenerationError: a program does not compute what CasADi computes, or has no value anywhere.
     """
     failures = []
+    # Random numbers would be no springs, and have no inverse.
+    values = (
+        _STIFFNESSES[entry.name.startswith("k0")] if entry.value is None else entry.value
+        for entry in card.springs
+    )
+    springs = {"h": tuple(values)} if card.springs else {}
     angles, limit = list_angle_inputs(programs), ANGLE_LIMITS[options.precision]
     drawn = SampleStates(count=options.states, seed=options.seed, shared={}, angles=angles, limit=limit)
     for beta in choose_parameters(card, functions, programs, drawn):
-        shared = {card.vector: beta, **_choose_spring_values(card)}
-        states = replace(drawn, shared=shared)
+        states = replace(drawn, shared={card.vector: beta, **springs})
         try:
             pairs = zip(functions, programs, strict=True)
             return tuple(_build_reference(function, program, states) for function, program in pairs)

@@ -1,9 +1,8 @@
 """Every way to compute a function of the catalogue, as a builder: workspace -> elements of the output ports.
 
 Kinematics and friction; energies and what follows from them by differentiation, p = dT/ddq and
-tau = dp/dt - dL/dq (Lagrange); torques and the Coriolis matrix; regressors, wrenches per unit of a
-parameter projected on joint screws; mass matrix, forward dynamics and derivatives of inverse dynamics,
-which take a mass matrix or torques from another route; springs with hysteresis and their inverse.
+tau = dp/dt - dL/dq (Lagrange); torques, regressors and mass matrix by recursion; forward dynamics and
+derivatives of inverse dynamics from a mass matrix and torques of other routes; springs with hysteresis.
 
 The torque of the motors of an elastic robot follows from the motion of the links (Spong 1987), with the
 spring turned round:
@@ -19,7 +18,7 @@ such function for these robots.
 """
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from symid.codegen.catalogue import build_spring_terms
@@ -36,7 +35,6 @@ from symid.codegen.workspace import (
     RouteWorkspace,
     flatten_columns,
     flatten_coordinate_columns,
-    flatten_coordinates,
     flatten_matrix,
     flatten_vector,
     project_at_depth,
@@ -119,7 +117,7 @@ def emit_friction(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     for parameter, column in zip(workspace.inputs["f"], _list_friction_columns(workspace), strict=True):
         entries = zip(torques, column, strict=True)
         torques = [algebra.add(torque, algebra.mul(entry, parameter)) for torque, entry in entries]
-    return (flatten_coordinates(workspace, torques),)
+    return (tuple(torques),)
 
 
 def _list_energy_rows(workspace: RouteWorkspace) -> tuple[Elements, Elements]:
@@ -174,27 +172,19 @@ def emit_energy_of_bodies(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     )
 
 
-def _differentiate_in_time(workspace: RouteWorkspace, values: Sequence[int]) -> list[int]:
-    """Return the time derivatives of values that depend on q and dq."""
-    inputs = workspace.inputs
-    pairs = (*zip(inputs["q"], inputs["dq"], strict=True), *zip(inputs["dq"], inputs["ddq"], strict=True))
-    return differentiate_forward(workspace.table, values, dict(pairs))
-
-
 def _derive_torque(workspace: RouteWorkspace, kinetic: int, potential: int) -> list[int]:
     table, inputs = workspace.table, workspace.inputs
     momenta = differentiate_backward(table, kinetic, inputs["dq"])
     slopes = differentiate_backward(table, table.add(kinetic, -potential), inputs["q"])
-    return [
-        table.add(rate, -slope)
-        for rate, slope in zip(_differentiate_in_time(workspace, momenta), slopes, strict=True)
-    ]
+    moving = (*zip(inputs["q"], inputs["dq"], strict=True), *zip(inputs["dq"], inputs["ddq"], strict=True))
+    rates = differentiate_forward(table, momenta, dict(moving))
+    return [table.add(rate, -slope) for rate, slope in zip(rates, slopes, strict=True)]
 
 
 def emit_derived_torques(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     """Return the joint torques."""
     (kinetic,), (potential,) = emit_energy(workspace)
-    return (flatten_coordinates(workspace, _derive_torque(workspace, kinetic, potential)),)
+    return (tuple(_derive_torque(workspace, kinetic, potential)),)
 
 
 def emit_derived_mass_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]:
@@ -212,30 +202,27 @@ def emit_derived_mass_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     return (flatten_coordinate_columns(workspace, columns),)
 
 
-def _flatten_regressor(workspace: RouteWorkspace, columns: Sequence[Sequence[int]]) -> tuple[Elements, ...]:
-    return (flatten_coordinate_columns(workspace, columns),)
-
-
 def emit_derived_momentum_regressor(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     """Return the momentum regressor."""
     table, rates = workspace.table, workspace.inputs["dq"]
     kinetic, _ = _list_energy_rows(workspace)
-    return _flatten_regressor(workspace, [differentiate_backward(table, value, rates) for value in kinetic])
+    columns = [differentiate_backward(table, value, rates) for value in kinetic]
+    return (flatten_coordinate_columns(workspace, columns),)
 
 
 def emit_derived_lagrange_regressor(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     """Return the regressor of dL/dq."""
     table, position = workspace.table, workspace.inputs["q"]
     pairs = zip(*_list_energy_rows(workspace), strict=True)
-    return _flatten_regressor(
-        workspace, [differentiate_backward(table, table.add(t, -v), position) for t, v in pairs]
-    )
+    columns = [differentiate_backward(table, table.add(t, -v), position) for t, v in pairs]
+    return (flatten_coordinate_columns(workspace, columns),)
 
 
 def emit_derived_torque_regressor(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     """Return the torque regressor."""
     pairs = zip(*_list_energy_rows(workspace), strict=True)
-    return _flatten_regressor(workspace, [_derive_torque(workspace, t, v) for t, v in pairs])
+    columns = [_derive_torque(workspace, t, v) for t, v in pairs]
+    return (flatten_coordinate_columns(workspace, columns),)
 
 
 def emit_torques_by_tensors(workspace: RouteWorkspace) -> tuple[Elements, ...]:
@@ -276,46 +263,28 @@ def emit_coriolis_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]:
 ProjectionPlace = Callable[[Robot], ProjectionFrame]
 
 
-def _build_regressor_route(
-    find: Callable[[RouteWorkspace, ProjectionFrame | None], Columns[int]], place: ProjectionPlace | None
-) -> RouteBuilder:
+def _compute_slotine_li(workspace: RouteWorkspace, meet: ProjectionFrame | None) -> Columns[int]:
+    inputs = workspace.inputs
+    reference = (workspace.spread(inputs["dqr"]), workspace.spread(inputs["ddqr"]))
+    return compute_slotine_li_columns(workspace.recursion, reference, workspace.base.keys, meet=meet)
+
+
+_REGRESSORS: Mapping[str, Callable[[RouteWorkspace, ProjectionFrame | None], Columns[int]]] = {
+    "momentum_regressor": lambda w, meet: compute_momentum_columns(w.recursion, w.base.keys, meet=meet),
+    "lagrange_regressor": lambda w, meet: compute_lagrange_columns(w.recursion, w.base.keys, meet=meet),
+    "torque_regressor": lambda w, meet: compute_torque_columns(w.recursion, w.base.keys, meet=meet),
+    "slotine_li_regressor": _compute_slotine_li,
+}
+
+
+def build_regressor_route(name: str, place: ProjectionPlace | None) -> RouteBuilder:
+    """Return the route to a regressor whose wrenches meet at `place`, or that carries all columns down."""
+
     def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
         meet = place(workspace.robot) if place else None
-        return (flatten_columns(workspace, find(workspace, meet)),)
+        return (flatten_columns(workspace, _REGRESSORS[name](workspace, meet)),)
 
     return build
-
-
-def build_torque_regressor_route(place: ProjectionPlace | None) -> RouteBuilder:
-    """Return the route to the torque regressor that meets at `place`, or carries all columns down."""
-    return _build_regressor_route(
-        lambda w, meet: compute_torque_columns(w.recursion, w.base.keys, meet=meet), place
-    )
-
-
-def build_momentum_regressor_route(place: ProjectionPlace | None) -> RouteBuilder:
-    """Return the route to the momentum regressor that meets at `place`, or carries all columns down."""
-    return _build_regressor_route(
-        lambda w, meet: compute_momentum_columns(w.recursion, w.base.keys, meet=meet), place
-    )
-
-
-def build_lagrange_regressor_route(place: ProjectionPlace | None) -> RouteBuilder:
-    """Return the route to the regressor of dL/dq that meets at `place`, or carries all columns down."""
-    return _build_regressor_route(
-        lambda w, meet: compute_lagrange_columns(w.recursion, w.base.keys, meet=meet), place
-    )
-
-
-def build_slotine_li_regressor_route(place: ProjectionPlace | None) -> RouteBuilder:
-    """Return the route to the Slotine-Li regressor that meets at `place`, or carries all columns down."""
-
-    def find(workspace: RouteWorkspace, meet: ProjectionFrame | None) -> Columns[int]:
-        inputs = workspace.inputs
-        reference = (workspace.spread(inputs["dqr"]), workspace.spread(inputs["ddqr"]))
-        return compute_slotine_li_columns(workspace.recursion, reference, workspace.base.keys, meet=meet)
-
-    return _build_regressor_route(find, place)
 
 
 def emit_mass_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]:
@@ -375,7 +344,7 @@ def build_forward_dynamics_route(mass: RouteBuilder, torques: RouteBuilder) -> R
         (entries,), (bias,) = workspace.recall(mass), workspace.recall(torques)
         rest = [table.add(tau, -c) for tau, c in zip(workspace.inputs["tau"], bias, strict=True)]
         matrix = [entries[n * row : n * (row + 1)] for row in range(n)]
-        return (flatten_coordinates(workspace, _solve_ldlt(workspace, matrix, rest)),)
+        return (tuple(_solve_ldlt(workspace, matrix, rest)),)
 
     return build
 
@@ -416,12 +385,10 @@ def _split_plays(springs: Sequence[SpringTerms[int]], plays: Sequence[int]) -> l
     return [plays[start:end] for start, end in itertools.pairwise(starts)]
 
 
-def _flatten_with_plays(
-    workspace: RouteWorkspace, *ports: Sequence[int], plays: Sequence[Sequence[int]]
-) -> tuple[Elements, ...]:
+def _append_plays(*ports: Sequence[int], plays: Sequence[Sequence[int]]) -> tuple[Elements, ...]:
     """Return values per coordinate and, where there are stops, the plays after the step."""
-    after = tuple(play for own in plays for play in own)
-    vectors = tuple(flatten_coordinates(workspace, port) for port in ports)
+    after = tuple(itertools.chain(*plays))
+    vectors = tuple(map(tuple, ports))
     return (*vectors, after) if after else vectors
 
 
@@ -431,9 +398,7 @@ def emit_hysteresis_step(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     memories = _split_plays(springs, workspace.inputs.get("P", ()))
     parts = zip(springs, workspace.inputs["phi"], memories, strict=True)
     steps = [advance_spring(workspace.algebra, spring, phi, memory) for spring, phi, memory in parts]
-    return _flatten_with_plays(
-        workspace, [torque for torque, _ in steps], plays=[after for _, after in steps]
-    )
+    return _append_plays([torque for torque, _ in steps], plays=[after for _, after in steps])
 
 
 def emit_hysteresis_inverse_step(workspace: RouteWorkspace) -> tuple[Elements, ...]:
@@ -445,9 +410,7 @@ def emit_hysteresis_inverse_step(workspace: RouteWorkspace) -> tuple[Elements, .
         advance_inverse_spring(algebra, invert_spring(algebra, spring), torque, memory)
         for spring, torque, memory in parts
     ]
-    return _flatten_with_plays(
-        workspace, [torsion for torsion, _ in steps], plays=[after for _, after in steps]
-    )
+    return _append_plays([torsion for torsion, _ in steps], plays=[after for _, after in steps])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -518,8 +481,6 @@ def build_feed_forward_route(torques: RouteBuilder) -> RouteBuilder:
             acceleration = algebra.add(inputs["ddq"][k], torsion.second)
             inertial = algebra.mul(inputs["IA"][k], acceleration)
             motors.append(algebra.add(algebra.add(inertial, friction[k]), rates[k][0]))
-        return _flatten_with_plays(
-            workspace, motors, theta, dtheta, plays=[torsion.plays for torsion in torsions]
-        )
+        return _append_plays(motors, theta, dtheta, plays=[torsion.plays for torsion in torsions])
 
     return build

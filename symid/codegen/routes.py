@@ -17,12 +17,9 @@ from symid.codegen.route_builders import (
     build_derivatives_route,
     build_feed_forward_route,
     build_forward_dynamics_route,
-    build_lagrange_regressor_route,
     build_mass_matrix_route,
-    build_momentum_regressor_route,
-    build_slotine_li_regressor_route,
+    build_regressor_route,
     build_torque_derivatives_route,
-    build_torque_regressor_route,
     emit_coriolis_matrix,
     emit_derived_lagrange_regressor,
     emit_derived_mass_matrix,
@@ -114,10 +111,8 @@ _TORQUE_ROUTES: Routes = {
 }
 
 
-def _list_projection_routes(
-    find: Callable[[ProjectionPlace | None], RouteBuilder], derived: RouteBuilder | None = None
-) -> Routes:
-    routes = {name: find(place) for name, place in _PROJECTION_PLACES.items()}
+def _list_regressor_routes(name: str, derived: RouteBuilder | None = None) -> Routes:
+    routes = {label: build_regressor_route(name, place) for label, place in _PROJECTION_PLACES.items()}
     return routes if derived is None else {**routes, "differentiation of the energy": derived}
 
 
@@ -155,14 +150,10 @@ ROUTES: Mapping[str, Routes] = {
         "sum over bodies, last links held": _hold_last_links(emit_energy_of_bodies),
     },
     "energy_regressor": {"recursion": emit_energy_regressor},
-    "momentum_regressor": _list_projection_routes(
-        build_momentum_regressor_route, emit_derived_momentum_regressor
-    ),
-    "lagrange_regressor": _list_projection_routes(
-        build_lagrange_regressor_route, emit_derived_lagrange_regressor
-    ),
-    "torque_regressor": _list_projection_routes(build_torque_regressor_route, emit_derived_torque_regressor),
-    "slotine_li_regressor": _list_projection_routes(build_slotine_li_regressor_route),
+    "momentum_regressor": _list_regressor_routes("momentum_regressor", emit_derived_momentum_regressor),
+    "lagrange_regressor": _list_regressor_routes("lagrange_regressor", emit_derived_lagrange_regressor),
+    "torque_regressor": _list_regressor_routes("torque_regressor", emit_derived_torque_regressor),
+    "slotine_li_regressor": _list_regressor_routes("slotine_li_regressor"),
     "friction": {"regressor times parameters": emit_friction},
     "friction_regressor": {"columns of the joint models": emit_friction_regressor},
     "hysteresis_step": {"plays": emit_hysteresis_step},
@@ -180,19 +171,13 @@ def _choose_in_workspace(workspace: RouteWorkspace, spec: FunctionSpec) -> Route
     built = {name: workspace.recall(build) for name, build in ROUTES[spec.name].items()}
     counts = {name: table.count(ref for port in ports for ref in port) for name, ports in built.items()}
     chosen = min(counts, key=lambda name: counts[name].mul + counts[name].add)
-    instructions, outputs = table.collect(built[chosen])
     return RouteChoice(
-        program=build_depth_first(Program(spec=spec, instructions=instructions, outputs=outputs)),
+        program=build_depth_first(table.build_program(spec, built[chosen])),
         counts=tuple(
             RouteCount(function=spec.name, route=name, operations=count, chosen=name == chosen)
             for name, count in counts.items()
         ),
     )
-
-
-def _is_cheaper(other: RouteChoice, choice: RouteChoice) -> bool:
-    new, old = count_operations(other.program), count_operations(choice.program)
-    return new.mul + new.add < old.mul + old.add and new.trig <= old.trig
 
 
 def choose_route(
@@ -206,7 +191,9 @@ def choose_route(
     turns = list_constant_rotations(robot)
     if turns:
         other = _choose_in_workspace(build_workspace(robot, base, spec, turns, constants), spec)
-        choice = other if _is_cheaper(other, choice) else choice
+        new, old = count_operations(other.program), count_operations(choice.program)
+        if new.mul + new.add < old.mul + old.add and new.trig <= old.trig:
+            return other
     return choice
 
 

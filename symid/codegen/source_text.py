@@ -1,16 +1,17 @@
 """What the text of generated sources is made with: options, names made fit for code, templates.
 
-A template is filled with a frozen dataclass of strings, numbers and tuples whose fields equal the
-template's variables. Names that a robot file states become identifiers, file names, comments and prose:
-text that ends no comment, no string and no line.
+A template is filled with strings, numbers, tuples and plain records of them: all that it names, and nothing
+that it does not. Names that a robot file states become identifiers, file names, comments and prose: text that
+ends no comment, no string and no line.
 
 Supported: loops and joins in templates. Not supported: logic in templates; an undefined name is an error.
 """
 
 import re
-from dataclasses import dataclass, fields, is_dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from symid.environment import locate_resource_folder
 from symid.errors import GenerationError, Notice, UsageError
@@ -110,22 +111,23 @@ def _list_variables(name: str) -> frozenset[str]:
     return frozenset(meta.find_undeclared_variables(environment.parse(source)))
 
 
-def write_template(name: str, context: object) -> str:
-    """Return the template `name`, for example "c/header.h.jinja", filled with `context`.
+def write_template(template: str, facts: Mapping[str, object], /, **values: object) -> str:
+    """Return a filled template.
+
+    Args:
+        template: its name, for example "c/header.h.jinja".
+        facts: what any template may ask for.
+        values: of this template's own variables; they go before facts of the same names.
 
     Raises:
-        GenerationError: the context's fields and the template's variables are not the same.
+        GenerationError: the template asks for what is not there, or not for one of `values`.
     """
-    if not is_dataclass(context) or isinstance(context, type):
-        message = f"expected a dataclass instance, got {context!r}"
-        raise TypeError(message)
-    values: dict[str, Any] = {field.name: getattr(context, field.name) for field in fields(context)}
-    wanted = _list_variables(name)
-    if wanted != values.keys():
-        missing, unused = sorted(wanted - values.keys()), sorted(values.keys() - wanted)
-        text = f"template {name}: its context lacks {missing} and has {unused} that it does not use"
+    wanted = _list_variables(template)
+    missing, unused = sorted(wanted - facts.keys() - values.keys()), sorted(values.keys() - wanted)
+    if missing or unused:
+        text = f"template {template}: its context lacks {missing} and has {unused} that it does not use"
         raise GenerationError(Notice(code="codegen.template-context", text=text))
-    return _get_environment().get_template(name).render(values)
+    return _get_environment().get_template(template).render({**facts, **values})
 
 
 def read_template_bytes(*folders: str) -> tuple[tuple[str, bytes], ...]:

@@ -19,7 +19,6 @@ from sympy import Expr, ImmutableDenseMatrix, Rational, Symbol
 from symid.codegen.catalogue import list_robot_specs, list_spring_parameters
 from symid.codegen.expressions import ExactProgram, count_expanded_operations, share_values, write_values
 from symid.codegen.functions import FunctionSpec, Port
-from symid.codegen.programs import Program
 from symid.codegen.routes import ROUTES
 from symid.codegen.workspace import build_workspace
 from symid.dynamics import (
@@ -248,10 +247,10 @@ def _choose_shortest_route(
 ) -> tuple[str, ExactProgram]:
     """Return the route whose formulas are shortest, and what it computes."""
     workspace = build_workspace(robot, base, spec, exact=True)
-    programs: dict[str, Program] = {}
-    for route, build in ROUTES[spec.name].items():
-        instructions, outputs = workspace.table.collect(workspace.recall(build))
-        programs[route] = Program(spec=spec, instructions=instructions, outputs=outputs)
+    programs = {
+        route: workspace.table.build_program(spec, workspace.recall(build))
+        for route, build in ROUTES[spec.name].items()
+    }
     chosen = min(programs, key=lambda route: count_expanded_operations(programs[route]))
     return chosen, ExactProgram(
         program=programs[chosen],
@@ -286,11 +285,7 @@ def derive_symbolic(
     """
     if standard or base is None:
         base = build_standard_parameters(robot) if standard else derive_base_parameters(robot)
-    specs = {spec.name: spec for spec in list_robot_specs(robot, base)}
-    if name not in specs:
-        text = f"function '{name}' is not in the catalogue; there are {', '.join(specs)}"
-        raise UsageError(Notice(code="usage.unknown-function", text=text))
-    spec = specs[name]
+    (spec,) = list_robot_specs(robot, base, (name,))
     inputs = _build_input_columns(robot, base, spec, symbols or {})
     route, source = _choose_shortest_route(robot, base, spec, inputs)
     values = dict(robot.symbols)

@@ -4,18 +4,15 @@ Robot, base parameters, an entry of the catalogue -> `RouteWorkspace`: a table o
 the robot in its state. A coordinate that is not an input of the function is zero: gravity is inverse
 dynamics at rest.
 
-Values per joint, per pair of joints, per joint and parameter, or per coordinate -> `Elements`, the
-references of one port in row-major order. Every result passes here, so that the shares of joints that
-follow another are added at its coordinate.
-
-Where wrenches on their way to the base are projected on joint screws is a choice; the choices cost
-different numbers of operations.
+Values per joint, per pair of joints, per joint and parameter, or per coordinate -> `Elements`. Every result
+passes here, so that the shares of joints that follow another are added at its coordinate.
 
 Supported: rigid robots, trees, symbolic lengths with a value; without one where the workspace is exact.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 
 from symid.codegen.functions import FunctionSpec
 from symid.codegen.model_card import Constants
@@ -152,33 +149,14 @@ def build_workspace(
     )
 
 
-def _check_size(values: Sequence[object], size: int) -> None:
-    if len(values) != size:
-        message = f"expected {size} values, got {len(values)}"
-        raise ValueError(message)
-
-
 def flatten_vector(workspace: RouteWorkspace, values: Sequence[int]) -> Elements:
     """Return a value per joint as a port of shape (n,)."""
-    _check_size(values, workspace.robot.size)
     return fold_vector(workspace.robot, workspace.recursion.algebra, values)
-
-
-def flatten_coordinates(workspace: RouteWorkspace, values: Sequence[int]) -> Elements:
-    """Return a value per coordinate as a port of shape (n,)."""
-    _check_size(values, workspace.robot.freedom)
-    return tuple(values)
 
 
 def flatten_matrix(workspace: RouteWorkspace, rows: Sequence[Sequence[int]]) -> Elements:
     """Return a matrix of joints by joints as a port of shape (n, n)."""
-    _check_size(rows, workspace.robot.size)
-    return flatten_rows(workspace, fold_matrix(workspace.robot, workspace.recursion.algebra, rows))
-
-
-def flatten_rows(workspace: RouteWorkspace, rows: Sequence[Sequence[int]]) -> Elements:
-    """Return a matrix of coordinates by coordinates as a port of shape (n, n)."""
-    return tuple(entry for row in rows for entry in flatten_coordinates(workspace, row))
+    return tuple(chain(*fold_matrix(workspace.robot, workspace.recursion.algebra, rows)))
 
 
 def flatten_columns(workspace: RouteWorkspace, columns: Mapping[Label, Sequence[int]]) -> Elements:
@@ -191,15 +169,6 @@ def flatten_columns(workspace: RouteWorkspace, columns: Mapping[Label, Sequence[
 def flatten_coordinate_columns(workspace: RouteWorkspace, columns: Sequence[Sequence[int]]) -> Elements:
     """Return columns with an entry a coordinate as a port of shape (n, columns)."""
     return tuple(column[k] for k in range(workspace.robot.freedom) for column in columns)
-
-
-def _list_path(robot: Robot, link: int) -> list[int]:
-    """Return the links from the base to `link`."""
-    path = []
-    while link >= 0:
-        path.append(link)
-        link = robot.joints[link].parent
-    return path[::-1]
 
 
 def project_in_link(_robot: Robot) -> ProjectionFrame:
@@ -222,6 +191,11 @@ def project_before_leaves(robot: Robot) -> ProjectionFrame:
 
 def project_at_depth(robot: Robot, depth: int) -> ProjectionFrame:
     """Return the meeting in the frame that is `depth` joints above the base link, or the link's own."""
-    paths = [_list_path(robot, link) for link in range(robot.size)]
-    places = [path[min(depth, len(path) - 1)] for path in paths]
-    return places.__getitem__
+
+    def locate(link: int) -> int:
+        path = [link]
+        while (parent := robot.joints[path[0]].parent) >= 0:
+            path.insert(0, parent)
+        return path[min(depth, len(path) - 1)]
+
+    return locate

@@ -4,7 +4,9 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from symid.dynamics.algebra import (
+        Label as Label,
         RobotState as RobotState,
+        build_state as build_state,
         spread_coordinates as spread_coordinates,
         sum_values as sum_values,
     )
@@ -12,6 +14,7 @@ if TYPE_CHECKING:
         BASE_FORMS as BASE_FORMS,
         BaseParameter as BaseParameter,
         BaseParameters as BaseParameters,
+        build_grouping as build_grouping,
         build_standard_parameters as build_standard_parameters,
         compute_parameter_values as compute_parameter_values,
         derive_base_parameters as derive_base_parameters,
@@ -25,8 +28,6 @@ if TYPE_CHECKING:
     )
     from symid.dynamics.exact_algebra import (
         PointAlgebra as PointAlgebra,
-        build_exact_state as build_exact_state,
-        build_point_state as build_point_state,
         choose_domain as choose_domain,
         list_symbols as list_symbols,
         write_name_latex as write_name_latex,
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
         write_polynomial_text as write_polynomial_text,
     )
     from symid.dynamics.explanations import (
-        Label as Label,
         get_label_unit as get_label_unit,
         get_owner as get_owner,
         write_label as write_label,
@@ -47,15 +47,19 @@ if TYPE_CHECKING:
         shift_origins as shift_origins,
         shift_parameters as shift_parameters,
     )
-    from symid.dynamics.interior_point import (
-        flatten_symmetric as flatten_symmetric,
-        unflatten_symmetric as unflatten_symmetric,
-    )
     from symid.dynamics.lagrange import (
         ExactEnergy as ExactEnergy,
         derive_energy as derive_energy,
         derive_torque_columns as derive_torque_columns,
         evaluate_torque_columns as evaluate_torque_columns,
+    )
+    from symid.dynamics.nearest_bodies import (
+        BodyProblem as BodyProblem,
+        NearestBodies as NearestBodies,
+        build_expected_bodies as build_expected_bodies,
+        compute_cost as compute_cost,
+        compute_errors as compute_errors,
+        optimise_bodies as optimise_bodies,
     )
     from symid.dynamics.newton_euler import (
         compute_inverse_dynamics as compute_inverse_dynamics,
@@ -73,7 +77,6 @@ if TYPE_CHECKING:
     from symid.dynamics.physical_consistency import (
         IdentifiedRobot as IdentifiedRobot,
         StandardSet as StandardSet,
-        build_grouping as build_grouping,
         build_identified_robot as build_identified_robot,
     )
     from symid.dynamics.pseudo_inertia import (
@@ -93,7 +96,6 @@ if TYPE_CHECKING:
     )
     from symid.dynamics.regressors import (
         Columns as Columns,
-        Key as Key,
         compute_body_energy as compute_body_energy,
         compute_energy_regressor as compute_energy_regressor,
         compute_lagrange_columns as compute_lagrange_columns,

@@ -4,21 +4,20 @@ Numbers of one carrier (exact polynomials, code expressions, floats) -> `Algebra
 dynamics needs; `RobotState`, the coordinates; vectors (x, y, z) and matrices as tuples of scalars.
 
 A carrier supplies add, sub, mul, neg, half and constants, and handles signs, zeros and ones itself, so that
-the recursion need not know them. `FloatAlgebra` takes arrays of any shape, many states at once, for checks.
+the recursion need not know them.
 """
 
 import operator
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import Generic, Protocol, TypeVar
 
-import numpy as np
-
-from symid.arrays import FloatArray
 from symid.robot import Exact, Robot
 
 T = TypeVar("T")
+Label = tuple[int, str]
+"""A parameter: the index of its joint, or coupling behind the joints, and its name."""
 
 
 class Algebra(Protocol[T]):
@@ -112,6 +111,28 @@ def spread_coordinates(robot: Robot, algebra: Algebra[T], values: Sequence[T]) -
     return tuple(result)
 
 
+def build_state(robot: Robot, algebra: Algebra[T], values: Mapping[str, T]) -> RobotState[T]:
+    """Return the state of the joints from {s1: .., c1: .., q1: .., dq1: .., ddq1: ..}; missing ones are zero.
+
+    Joints that follow another have their own s and c, or q, with s^2 + c^2 = 1; their rates follow.
+    """
+
+    def take(prefix: str) -> tuple[T, ...]:
+        return tuple(values.get(f"{prefix}{number}", algebra.zero) for number in range(1, robot.size + 1))
+
+    def spread(prefix: str) -> tuple[T, ...]:
+        rates = [values.get(f"{prefix}{index + 1}", algebra.zero) for index in robot.coordinates]
+        return spread_coordinates(robot, algebra, rates)[: robot.size]
+
+    return RobotState(
+        sine=take("s"),
+        cosine=take("c"),
+        position=take("q"),
+        velocity=spread("dq"),
+        acceleration=spread("ddq"),
+    )
+
+
 Vector = tuple[T, T, T]
 Matrix = tuple[tuple[T, T, T], tuple[T, T, T], tuple[T, T, T]]
 
@@ -171,39 +192,3 @@ def multiply_matrices(algebra: Algebra[T], left: Matrix[T], right: Matrix[T]) ->
     """Return left * right."""
     columns = [apply_matrix(algebra, left, column) for column in transpose(right)]
     return transpose((columns[0], columns[1], columns[2]))
-
-
-@dataclass(frozen=True, slots=True)
-class FloatAlgebra(OperatorAlgebra[FloatArray]):
-    """Arrays of doubles; `symbols` holds the values of symbolic lengths in m."""
-
-    symbols: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def zero(self) -> FloatArray:
-        """Return zero."""
-        return np.float64(0.0)  # type: ignore[return-value]  # a scalar broadcasts like an array
-
-    @property
-    def one(self) -> FloatArray:
-        """Return one."""
-        return np.float64(1.0)  # type: ignore[return-value]  # a scalar broadcasts like an array
-
-    def constant(self, value: Exact) -> FloatArray:
-        """Return the double nearest to `value`."""
-        return np.float64(value.to_float(self.symbols))  # type: ignore[return-value]  # as above
-
-    def half(self, value: FloatArray) -> FloatArray:
-        """Return value / 2."""
-        return 0.5 * value
-
-
-def build_float_state(q: FloatArray, dq: FloatArray, ddq: FloatArray) -> RobotState[FloatArray]:
-    """Return the coordinates from arrays (n, ...) in rad or m and their derivatives."""
-    return RobotState(
-        sine=tuple(np.sin(q)),
-        cosine=tuple(np.cos(q)),
-        position=tuple(q),
-        velocity=tuple(dq),
-        acceleration=tuple(ddq),
-    )

@@ -11,24 +11,27 @@ vanishes); numbers beside symbols.
 Not supported: formulas of links that a fixed joint made heavier; their numbers stand for them.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from sympy import QQ, Expr, Integer, Rational, Symbol, sqrt
+import numpy as np
+from sympy import QQ, Expr, Integer, Rational, Symbol
 from sympy.polys.domains.domain import Domain
 
+from symid.arrays import FloatArray
+from symid.dynamics.algebra import Label
 from symid.dynamics.bodies import DRIVE_PARAMETERS, list_drive_parameters
-from symid.dynamics.exact_algebra import Row, convert_number, reduce_rows
+from symid.dynamics.exact_algebra import Row, choose_domain, convert_number, list_symbols, reduce_rows
 from symid.dynamics.explanations import (
-    Label,
     explain_elimination,
     explain_grouping,
     write_combination,
     write_label,
 )
 from symid.dynamics.observable_subspace import ObservableSubspace, derive_observable_subspace
+from symid.errors import Notice, RobotError
 from symid.joint_models import FRICTION_MODELS, list_friction_parameters
 from symid.notation import INERTIAL
 from symid.robot import Exact, FrictionValues, Placement, Robot, SymbolicInertia
@@ -211,6 +214,45 @@ def derive_base_parameters(robot: Robot, *, form: str = "torque") -> BaseParamet
     )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Grouping:
+    """K in numbers: `matrix` has a row for each of `parameters` and a column for each of `labels`."""
+
+    parameters: tuple[BaseParameter, ...]
+    labels: tuple[Label, ...]
+    matrix: FloatArray
+
+
+def build_grouping(robot: Robot, base: BaseParameters, names: Sequence[str] | None = None) -> Grouping:
+    """Return the grouping matrix K in numbers.
+
+    Args:
+        robot: the robot, for the values of its symbols.
+        base: its base parameters.
+        names: the base parameters wanted, friction too; all of beta if None.
+
+    Raises:
+        RobotError: a symbolic length has no value.
+    """
+    missing = [name for name in list_symbols(robot) if name not in dict(robot.symbols)]
+    if missing:
+        text = (
+            f"bodies need a value for the symbolic length {', '.join(missing)}: add it under [symbols], in m"
+        )
+        raise RobotError(Notice(code="robot.symbol-without-value", text=text, file=robot.path))
+    symbols = {Symbol(name): value for name, value in robot.symbols}
+    wanted = [p for p in (*base.parameters, *base.friction) if names is None or p.name in names]
+    if names is None:
+        wanted = list(base.parameters)
+    column = {label: index for index, label in enumerate(base.labels)}
+    matrix = np.zeros((len(wanted), len(base.labels)))
+    for row, parameter in enumerate(wanted):
+        for label, coefficient in parameter.terms:
+            number = coefficient if coefficient.is_number else coefficient.subs(symbols)
+            matrix[row, column[label]] = float(number)
+    return Grouping(parameters=tuple(wanted), labels=base.labels, matrix=matrix)
+
+
 def _list_friction(index: int, friction: FrictionValues) -> dict[Label, float]:
     if friction.values is None:
         return {}
@@ -218,7 +260,7 @@ def _list_friction(index: int, friction: FrictionValues) -> dict[Label, float]:
     return {(index, name): value for name, value in zip(names, friction.values, strict=True)}
 
 
-def _list_known(robot: Robot) -> dict[Label, float]:
+def list_known_values(robot: Robot) -> dict[Label, float]:
     """Return every parameter whose value the file states."""
     known: dict[Label, float] = {}
     for index, joint in enumerate(robot.joints):
@@ -241,7 +283,7 @@ def _list_known(robot: Robot) -> dict[Label, float]:
 
 def compute_parameter_values(robot: Robot, base: BaseParameters) -> dict[str, float]:
     """Return beta = K pi for every base parameter whose members are all known, in SI units."""
-    known = _list_known(robot)
+    known = list_known_values(robot)
     symbols = {Symbol(name): value for name, value in robot.symbols}
     result: dict[str, float] = {}
     for parameter in (*base.parameters, *base.friction):
@@ -260,8 +302,9 @@ def derive_parameter_formulas(robot: Robot, base: BaseParameters) -> dict[str, E
     """
     if not robot.symbols:
         return {}
-    numbers, field = _build_formula_field(robot)
-    known = {label: field.convert(_to_rational(value)) for label, value in _list_known(robot).items()}
+    numbers = choose_domain(robot, _list_form_constants(robot))
+    field = numbers.frac_field(*(Symbol(name) for name, _ in robot.symbols))
+    known = {label: field.convert(_to_rational(value)) for label, value in list_known_values(robot).items()}
     for index, joint in enumerate(robot.joints):
         if joint.form is not None:
             entries = _transform_form(joint.form, joint.frame, numbers, field)
@@ -286,24 +329,14 @@ def _to_rational(value: float) -> Rational:
     return QQ(exact.numerator, exact.denominator)
 
 
-def _build_formula_field(robot: Robot) -> tuple[Domain, Domain]:
-    """Return the numbers that the robot's forms need, and the rational functions of its symbols over them."""
-    used = [any(surd[k] for value in _list_exact(robot) for _, surd in value.terms) for k in range(4)]
-    roots = [sqrt(root) for root, needed in ((2, used[1] or used[3]), (3, used[2] or used[3])) if needed]
-    numbers: Domain = QQ.algebraic_field(*roots) if roots else QQ
-    return numbers, numbers.frac_field(*(Symbol(name) for name, _ in robot.symbols))
-
-
-def _list_exact(robot: Robot) -> Iterable[Exact]:
+def _list_form_constants(robot: Robot) -> Iterator[Exact]:
+    """Yield the exact numbers that the file's symbolic inertias are transformed with."""
     for joint in robot.joints:
-        for placement in (joint.placement, joint.frame):
-            yield from placement.translation
-            for row in placement.rotation:
-                yield from row
+        yield from joint.frame.translation
+        for row in joint.frame.rotation:
+            yield from row
         if joint.form is not None:
-            yield joint.form.mass
-            yield from joint.form.com
-            yield from joint.form.inertia
+            yield from (joint.form.mass, *joint.form.com, *joint.form.inertia)
 
 
 def _transform_form(

@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 
 from symid.dynamics.algebra import (
     Algebra,
+    Label,
     Matrix,
     T,
     Vector,
@@ -35,15 +36,13 @@ from symid.robot import Exact, Robot
 DRIVE_PARAMETERS = ("IA", "KS", "KR")
 """Parameters of drives and springs, in their order within a joint."""
 
-Key = tuple[int, str]
 
-
-def list_drive_parameters(robot: Robot) -> tuple[Key, ...]:
+def list_drive_parameters(robot: Robot) -> tuple[Label, ...]:
     """Return the drive parameters of the robot: those of the joints, then of the couplings.
 
     The rotor of an elastic joint moves with the motor, not with the link: its inertia is not among them.
     """
-    keys: list[Key] = []
+    keys: list[Label] = []
     for index, joint in enumerate(robot.joints):
         keys += [(index, "IA")] if joint.drive.has_rotor and joint.elasticity is None else []
         keys += [(index, "KS"), (index, "KR")] if joint.spring else []
@@ -65,7 +64,7 @@ def _compute_drive_speed(robot: Robot, algebra: Algebra[T], index: int, rates: S
     return total
 
 
-def compute_drive_energy(recursion: Recursion[T], key: Key) -> tuple[T, T]:
+def compute_drive_energy(recursion: Recursion[T], key: Label) -> tuple[T, T]:
     """Return kinetic and potential energy per unit of a drive parameter."""
     robot, algebra, state = recursion.robot, recursion.algebra, recursion.state
     index, name = key
@@ -79,7 +78,7 @@ def compute_drive_energy(recursion: Recursion[T], key: Key) -> tuple[T, T]:
 
 
 def compute_drive_column(
-    recursion: Recursion[T], key: Key, rates: Sequence[T] | None, springs: int
+    recursion: Recursion[T], key: Label, rates: Sequence[T] | None, springs: int
 ) -> Sequence[T]:
     """Return the entries of a drive parameter at every joint.
 
@@ -104,7 +103,7 @@ def compute_drive_column(
 
 
 def add_drive_torques(
-    recursion: Recursion[T], torques: Sequence[T], parameters: Mapping[Key, T], rates: Sequence[T]
+    recursion: Recursion[T], torques: Sequence[T], parameters: Mapping[Label, T], rates: Sequence[T]
 ) -> tuple[T, ...]:
     """Return the torques of the joints with those of rotors, for accelerations `rates`, and springs."""
     algebra = recursion.algebra
@@ -118,7 +117,7 @@ def add_drive_torques(
 
 
 def add_drive_inertia(
-    recursion: Recursion[T], matrix: Sequence[Sequence[T]], parameters: Mapping[Key, T]
+    recursion: Recursion[T], matrix: Sequence[Sequence[T]], parameters: Mapping[Label, T]
 ) -> tuple[tuple[T, ...], ...]:
     """Return the mass matrix of the joints with that of the rotors."""
     robot, algebra = recursion.robot, recursion.algebra

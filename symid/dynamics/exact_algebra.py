@@ -22,7 +22,7 @@ from sympy import QQ, Symbol, latex, sqrt
 from sympy.polys.domains.domain import Domain
 from sympy.polys.rings import PolyElement, PolyRing
 
-from symid.dynamics.algebra import OperatorAlgebra, RobotState, spread_coordinates
+from symid.dynamics.algebra import OperatorAlgebra
 from symid.robot import Exact, JointKind, Robot, Surd
 
 
@@ -34,9 +34,10 @@ def _list_constants(robot: Robot) -> Iterable[Exact]:
     yield from robot.gravity
 
 
-def choose_domain(robot: Robot) -> Domain:
-    """Return the smallest of Q, Q(sqrt 2), Q(sqrt 3), Q(sqrt 2, sqrt 3) that holds the geometry."""
-    used = [any(surd[k] for value in _list_constants(robot) for _, surd in value.terms) for k in range(4)]
+def choose_domain(robot: Robot, further: Iterable[Exact] = ()) -> Domain:
+    """Return the smallest of Q, Q(sqrt 2), Q(sqrt 3), Q(sqrt 2, sqrt 3) that holds geometry and `further`."""
+    constants = (*_list_constants(robot), *further)
+    used = [any(surd[k] for value in constants for _, surd in value.terms) for k in range(4)]
     roots = [sqrt(root) for root, needed in ((2, used[1] or used[3]), (3, used[2] or used[3])) if needed]
     return QQ.algebraic_field(*roots) if roots else QQ
 
@@ -128,9 +129,14 @@ class ExactAlgebra:
             result += number * self.generator(name) if name else number
         return result
 
+    @property
+    def generators(self) -> dict[str, PolyElement]:
+        """Return the generators of the ring by name."""
+        return dict(zip(map(str, self.ring.symbols), self.ring.gens, strict=True))
+
     def generator(self, name: str) -> PolyElement:
         """Return the generator `name` of the ring."""
-        return self.ring.gens[[str(symbol) for symbol in self.ring.symbols].index(name)]
+        return self.generators[name]
 
     def add(self, left: PolyElement, right: PolyElement) -> PolyElement:
         """Return left + right."""
@@ -190,36 +196,9 @@ def build_exact_algebra(robot: Robot, domain: Domain | None = None) -> ExactAlge
     return ExactAlgebra(PolyRing(names, domain or choose_domain(robot)), tuple(sines))
 
 
-def build_exact_state(robot: Robot, algebra: ExactAlgebra) -> RobotState[PolyElement]:
-    """Return the state of the joints in the generators of the ring."""
-    known = {
-        str(symbol): generator
-        for symbol, generator in zip(algebra.ring.symbols, algebra.ring.gens, strict=True)
-    }
-
-    def take(prefix: str) -> tuple[PolyElement, ...]:
-        return tuple(known.get(f"{prefix}{number}", algebra.zero) for number in range(1, robot.size + 1))
-
-    def spread(prefix: str) -> tuple[PolyElement, ...]:
-        rates = [known[f"{prefix}{index + 1}"] for index in robot.coordinates]
-        return spread_coordinates(robot, algebra, rates)[: robot.size]
-
-    return RobotState(
-        sine=take("s"),
-        cosine=take("c"),
-        position=take("q"),
-        velocity=spread("dq"),
-        acceleration=spread("ddq"),
-    )
-
-
 def differentiate(robot: Robot, algebra: ExactAlgebra, value: PolyElement, coordinate: int) -> PolyElement:
     """Return the derivative by the coordinate of a joint (index): d s = c, d c = -s, at followers too."""
-    total = algebra.zero
-    known = {
-        str(symbol): generator
-        for symbol, generator in zip(algebra.ring.symbols, algebra.ring.gens, strict=True)
-    }
+    total, known = algebra.zero, algebra.generators
     position = robot.coordinates.index(coordinate)
     transmission = robot.transmission[: robot.size]
     for number, (joint, row) in enumerate(zip(robot.joints, transmission, strict=True), start=1):
@@ -260,28 +239,6 @@ class PointAlgebra(OperatorAlgebra[Any]):
     def half(self, value: Any) -> Any:  # noqa: ANN401  as above
         """Return value / 2."""
         return value * self.domain.convert(QQ(1, 2))
-
-
-def build_point_state(robot: Robot, algebra: PointAlgebra, values: Mapping[str, Any]) -> RobotState[Any]:
-    """Return the state from {s1: .., c1: .., q1: .., dq1: .., ddq1: ..}; s^2 + c^2 = 1 must hold.
-
-    Joints that follow another have their own s and c, or q; their rates follow.
-    """
-
-    def take(prefix: str) -> tuple[Any, ...]:
-        return tuple(values.get(f"{prefix}{number}", 0) for number in range(1, robot.size + 1))
-
-    def spread(prefix: str) -> tuple[Any, ...]:
-        rates = [values.get(f"{prefix}{index + 1}", 0) for index in robot.coordinates]
-        return spread_coordinates(robot, algebra, rates)[: robot.size]
-
-    return RobotState(
-        sine=take("s"),
-        cosine=take("c"),
-        position=take("q"),
-        velocity=spread("dq"),
-        acceleration=spread("ddq"),
-    )
 
 
 Row = dict[int, Any]

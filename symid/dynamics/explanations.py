@@ -12,11 +12,9 @@ from collections.abc import Iterator, Sequence
 
 from sympy import Expr, Rational
 
+from symid.dynamics.algebra import Label
 from symid.notation import INERTIAL, get_unit
 from symid.robot import JointKind, Robot
-
-Label = tuple[int, str]
-"""A standard parameter: index of its joint or coupling, name."""
 
 
 def get_owner(robot: Robot, label: Label) -> str:

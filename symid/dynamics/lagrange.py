@@ -17,10 +17,11 @@ from typing import Any
 
 from sympy.polys.rings import PolyElement
 
+from symid.dynamics.algebra import Label, build_state
 from symid.dynamics.bodies import compute_drive_energy, list_drive_parameters
-from symid.dynamics.exact_algebra import ExactAlgebra, build_exact_algebra, build_exact_state, differentiate
+from symid.dynamics.exact_algebra import ExactAlgebra, build_exact_algebra, differentiate
 from symid.dynamics.recursion import build_recursion
-from symid.dynamics.regressors import Columns, Key, compute_energy_regressor
+from symid.dynamics.regressors import Columns, compute_energy_regressor
 from symid.notation import INERTIAL
 from symid.robot import JointKind, Robot
 
@@ -31,11 +32,11 @@ class ExactEnergy:
 
     robot: Robot
     algebra: ExactAlgebra
-    kinetic: Mapping[Key, PolyElement]
-    potential: Mapping[Key, PolyElement]
+    kinetic: Mapping[Label, PolyElement]
+    potential: Mapping[Label, PolyElement]
 
     @property
-    def keys(self) -> tuple[Key, ...]:
+    def keys(self) -> tuple[Label, ...]:
         """Return the parameters in canonical order."""
         return tuple(self.kinetic)
 
@@ -43,10 +44,10 @@ class ExactEnergy:
 def derive_energy(robot: Robot) -> ExactEnergy:
     """Return the exact energy regressors of all standard parameters (Gautier and Khalil 1988)."""
     algebra = build_exact_algebra(robot)
-    state = build_exact_state(robot, algebra)
+    state = build_state(robot, algebra, algebra.generators)
     recursion = build_recursion(robot, algebra, state)
-    kinetic: dict[Key, PolyElement] = {}
-    potential: dict[Key, PolyElement] = {}
+    kinetic: dict[Label, PolyElement] = {}
+    potential: dict[Label, PolyElement] = {}
     for link, motion in enumerate(recursion.motions):
         rows = compute_energy_regressor(algebra, motion)
         for index, name in enumerate(INERTIAL):
@@ -57,13 +58,13 @@ def derive_energy(robot: Robot) -> ExactEnergy:
     return ExactEnergy(robot=robot, algebra=algebra, kinetic=kinetic, potential=potential)
 
 
-def derive_momentum_columns(energy: ExactEnergy, keys: Sequence[Key]) -> Columns[PolyElement]:
+def derive_momentum_columns(energy: ExactEnergy, keys: Sequence[Label]) -> Columns[PolyElement]:
     """Return p = dT/ddq per unit of each parameter."""
     rates = [energy.algebra.generator(f"dq{k + 1}") for k in energy.robot.coordinates]
     return {key: [energy.kinetic[key].diff(rate) for rate in rates] for key in keys}
 
 
-def derive_lagrange_columns(energy: ExactEnergy, keys: Sequence[Key]) -> Columns[PolyElement]:
+def derive_lagrange_columns(energy: ExactEnergy, keys: Sequence[Label]) -> Columns[PolyElement]:
     """Return dL/dq = dT/dq - dV/dq per unit of each parameter."""
     joints = energy.robot.coordinates
     return {
@@ -75,7 +76,7 @@ def derive_lagrange_columns(energy: ExactEnergy, keys: Sequence[Key]) -> Columns
     }
 
 
-def derive_torque_columns(energy: ExactEnergy, keys: Sequence[Key]) -> Columns[PolyElement]:
+def derive_torque_columns(energy: ExactEnergy, keys: Sequence[Label]) -> Columns[PolyElement]:
     """Return tau = dp/dt - dL/dq per unit of each parameter."""
     algebra, robot = energy.algebra, energy.robot
     momenta = derive_momentum_columns(energy, keys)
@@ -141,7 +142,7 @@ def _compute_generator_rates(
 
 
 def evaluate_torque_columns(
-    energy: ExactEnergy, keys: Sequence[Key], values: Mapping[str, Any]
+    energy: ExactEnergy, keys: Sequence[Label], values: Mapping[str, Any]
 ) -> Columns[Any]:
     """Return tau = dp/dt - dL/dq per unit of each parameter at one exact point.
 

@@ -44,9 +44,16 @@ from symid.dynamics.algebra import (
 )
 from symid.dynamics.bodies import Body, Parameters, add_drive_torques, gather_body
 from symid.dynamics.recursion import LinkMotion, Recursion, compute_motions, rotate_to_link
-from symid.dynamics.wrenches import LinkAcceleration, Wrench, add_wrenches, project_on_axis, transform_wrench
+from symid.dynamics.wrenches import (
+    LinkAcceleration,
+    Wrench,
+    add_wrenches,
+    build_unit_vector,
+    project_on_axis,
+    transform_wrench,
+)
 from symid.notation import INERTIAL
-from symid.robot import Joint, Robot
+from symid.robot import Joint
 
 
 def compute_accelerations(recursion: Recursion[T]) -> tuple[LinkAcceleration[T], ...]:
@@ -58,7 +65,7 @@ def compute_accelerations(recursion: Recursion[T]) -> tuple[LinkAcceleration[T],
     robot, algebra, state = recursion.robot, recursion.algebra, recursion.state
     motions = recursion.motions
     zero = algebra.zero
-    still = LinkAcceleration(angular=(zero, zero, zero), linear=_compute_gravity_acceleration(robot, algebra))
+    still = LinkAcceleration(angular=(zero, zero, zero), linear=compute_base_acceleration(recursion))
     result: list[LinkAcceleration[T]] = []
     for index, (joint, frame) in enumerate(zip(robot.joints, recursion.frames, strict=True)):
         w_parent = motions[joint.parent].angular if joint.parent >= 0 else (zero, zero, zero)
@@ -78,11 +85,6 @@ def compute_accelerations(recursion: Recursion[T]) -> tuple[LinkAcceleration[T],
             )
         result.append(LinkAcceleration(angular=angular, linear=linear))
     return tuple(result)
-
-
-def _compute_gravity_acceleration(robot: Robot, algebra: Algebra[T]) -> Vector[T]:
-    x, y, z = (algebra.neg(algebra.constant(value)) for value in robot.gravity)
-    return (x, y, z)
 
 
 def _compute_link_wrench(
@@ -322,9 +324,8 @@ def compute_tensor_wrench(algebra: Algebra[T], name: str, spin: AccelerationTens
     if name in moments:
         return Wrench(force=none, moment=moments[name])
     k = INERTIAL.index(name) - INERTIAL.index("MX")
-    one = algebra.one
-    axis = (one if k == 0 else zero, one if k == 1 else zero, one if k == 2 else zero)
-    return Wrench(force=(u[0][k], u[1][k], u[2][k]), moment=cross(algebra, axis, spin.linear))
+    moment = cross(algebra, build_unit_vector(algebra, k), spin.linear)
+    return Wrench(force=(u[0][k], u[1][k], u[2][k]), moment=moment)
 
 
 def _compute_tensor_moment(

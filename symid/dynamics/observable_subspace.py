@@ -32,18 +32,17 @@ from sympy import QQ
 from sympy.polys.domains.domain import Domain
 from sympy.polys.rings import PolyElement
 
+from symid.dynamics.algebra import Label, build_state
 from symid.dynamics.bodies import transform_body
 from symid.dynamics.exact_algebra import (
     Echelon,
     ExactAlgebra,
     Row,
     build_exact_algebra,
-    build_exact_state,
     choose_domain,
     convert_number,
     list_symbols,
 )
-from symid.dynamics.explanations import Label
 from symid.dynamics.recursion import LinkMotion, Recursion, build_frames, compute_motions, fold_vector
 from symid.dynamics.regressors import compute_momentum_columns
 from symid.dynamics.trigonometric_basis import (
@@ -234,7 +233,7 @@ def derive_transport(robot: Robot, block: Block, field: Domain) -> Transport:
     """Return the transport across the joints of `block` over `field`."""
     single = build_block_robot(robot, block)
     algebra = build_exact_algebra(single, choose_domain(robot))
-    state = build_exact_state(single, algebra)
+    state = build_state(single, algebra, algebra.generators)
     frames = build_frames(single, algebra, state)
     still = LinkMotion(
         angular=(algebra.zero,) * 3,
@@ -287,7 +286,6 @@ def multiply_row(row: Row, matrix: SparseMatrix) -> Row:
     return {column: value for column, value in result.items() if value}
 
 
-_Label = tuple[int, str]
 _TEN = len(INERTIAL)
 
 
@@ -304,7 +302,7 @@ class ObservableRows:
     velocities: tuple[Row, ...]
 
 
-def number_columns(block: Block, robot: Robot, constants: Sequence[_Label]) -> dict[_Label, int]:
+def number_columns(block: Block, robot: Robot, constants: Sequence[Label]) -> dict[Label, int]:
     """Return the column of each parameter of the block: links, rotors, springs, then constant torques."""
     labels = [(link, name) for link in block.joints for name in INERTIAL]
     drives = (*block.joints, *(robot.size + k for k in block.couplings))
@@ -355,8 +353,8 @@ def _build_drive_rows(
     robot: Robot,
     block: Block,
     transport: Transport,
-    columns: Mapping[_Label, int],
-    constants: Mapping[_Label, Any],
+    columns: Mapping[Label, int],
+    constants: Mapping[Label, Any],
 ) -> tuple[dict[BasisFunction, Row], list[dict[BasisFunction, Row]]]:
     """Return what springs and constant torques add to the weight, rotors to the momenta."""
     convert = transport.basis.field.convert
@@ -397,7 +395,7 @@ def derive_block_rows(
     parent: ObservableRows,
     transport: Transport,
     *,
-    constants: Mapping[_Label, Any],
+    constants: Mapping[Label, Any],
     form: str = "torque",
 ) -> Echelon:
     """Return the rows of a block over the parameters of `number_columns`.
@@ -440,14 +438,10 @@ def derive_link_rows(
     for row in parent.velocities:
         for matrix in transport.velocities[link].values():
             velocities.insert(multiply_row(row, matrix))
-    families = (
-        (*_list_own_momenta(transport), *_list_crossed_momenta(parent, transport))
-        if form != "gravity"
-        else ()
-    )
-    for family in families if form != "gravity" else ():
-        for function in sorted(family):
-            varying.insert(_restrict(family[function], link))
+    if form != "gravity":
+        for family in (*_list_own_momenta(transport), *_list_crossed_momenta(parent, transport)):
+            for function in sorted(family):
+                varying.insert(_restrict(family[function], link))
     parameters = transport.parameters[link]
     for row in parent.varying:
         for matrix in parameters.values():

@@ -13,7 +13,7 @@ parameters that the body does not touch must not change. Friction may, because g
 it takes part through its covariance alone, and its changes are listed.
 
 Where no body has the values of least squares, the one that minimises chi^2 / 2 plus the distance to a ball
-of water of the same mass and place is taken (`interior_point`); `moved` says how many standard deviations
+of water of the same mass and place is taken (`nearest_bodies`); `moved` says how many standard deviations
 that is away. Deviations are those of least squares, times the root of chi^2 over its degrees of freedom
 where that is larger than one. Mass, centre and inertia come from the standard parameters about the frame's
 origin by
@@ -31,10 +31,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
-from symid.dynamics.base_parameters import BaseParameters
-from symid.dynamics.interior_point import BodyProblem, BodySolution, solve_body_problem
-from symid.dynamics.physical_consistency import build_grouping
+from symid.arrays import FloatArray, FrozenArrays, freeze
+from symid.dynamics.base_parameters import BaseParameters, build_grouping
+from symid.dynamics.nearest_bodies import BodyProblem, optimise_bodies, solve_body_equations
 from symid.dynamics.pseudo_inertia import (
     PSEUDO_INERTIA_FORMS,
     build_pseudo_inertias,
@@ -90,17 +89,12 @@ _WEIGHED = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class BaseValues:
+class BaseValues(FrozenArrays):
     """Values (p,) of base and friction parameters by name, SI, and their covariance (p, p)."""
 
     names: tuple[str, ...]
     values: FloatArray
     covariance: FloatArray
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("values", "covariance"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -455,13 +449,15 @@ def _choose_body(system: PayloadSystem, found: FloatArray, scale: float) -> tupl
     root = np.asarray(np.linalg.cholesky(_build_ball(system, found)), dtype=np.float64)
     _, _, right = np.linalg.svd(system.rows)
     told = right[: 10 - system.free.shape[1]] / system.sizes
-    solution = _solve_nearest_body(root, told, told @ found, 0.0)
-    if solution is None:
-        # Ten rows say the same of it as all.
-        whole = np.column_stack([system.rows, system.target])
-        triangle = np.asarray(np.linalg.qr(whole)[1], dtype=np.float64)[:10]
-        solution = _solve_nearest_body(root, triangle[:, :10] / system.sizes, triangle[:, 10], scale**2)
-    if solution is None:
+    with np.errstate(all="ignore"):
+        solution = solve_body_equations(_build_body_problem(root, told, told @ found))
+        if solution is None:
+            # Ten rows say the same of it as all.
+            whole = np.column_stack([system.rows, system.target])
+            triangle = np.asarray(np.linalg.qr(whole)[1], dtype=np.float64)[:10]
+            rows, target = triangle[:, :10] / (system.sizes * scale), triangle[:, 10] / scale
+            solution = optimise_bodies(_build_body_problem(root, rows, target))
+    if not np.isfinite(solution.gap):
         text = "no body is near the change of the base values; check that both logs are of the same robot"
         raise IdentifiabilityError(Notice(code="payload.no-body", text=text))
     body = compute_standard_parameters(root @ solution.blocks @ root.T)[0]
@@ -469,25 +465,19 @@ def _choose_body(system: PayloadSystem, found: FloatArray, scale: float) -> tupl
     return body, moved
 
 
-def _solve_nearest_body(
-    root: FloatArray, rows: FloatArray, target: FloatArray, variance: float
-) -> BodySolution | None:
-    """Return the body nearest to root root' that fulfils equations, exactly or within their variance."""
-    count = len(target)
-    norms = np.linalg.norm(rows, axis=1)
-    forms = np.einsum("mk,kab->mab", rows / norms[:, None], PSEUDO_INERTIA_FORMS)
-    blocks = root.T @ forms @ root
-    sizes = np.sqrt((blocks**2).sum(axis=(1, 2)))
-    problem = BodyProblem(
-        blocks=(blocks / sizes[:, None, None])[:, None],
-        positive=np.zeros((count, 0)),
-        free=np.zeros((count, 0)),
-        target=target / norms / sizes,
-        slack=variance / (norms * sizes) ** 2,
-        weights=np.ones(1),
+def _build_body_problem(root: FloatArray, rows: FloatArray, target: FloatArray) -> BodyProblem:
+    """Return the problem of the body nearest to root root' under rows (m, 10) of unit variance."""
+    blocks = root.T @ np.einsum("mk,kab->mab", rows, PSEUDO_INERTIA_FORMS) @ root
+    return BodyProblem(
+        blocks=blocks[:, None],
+        positive=np.zeros((len(target), 0)),
+        others=np.zeros((len(target), 0)),
+        target=target,
+        shares=np.ones(1),
+        weight=1.0,
+        middle=np.zeros(0),
+        loose=1.0,
     )
-    with np.errstate(all="ignore"):
-        return solve_body_problem(problem)
 
 
 def _build_ball(system: PayloadSystem, found: FloatArray) -> FloatArray:

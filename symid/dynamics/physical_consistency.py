@@ -11,7 +11,7 @@ Of all sets with K pi = beta the one nearest to the prior is taken, by the coord
 P the pseudo-inertia; rotor inertias IA > 0 count as x - log x - 1, x = IA / IA0, what may have either sign
 (springs, friction) as x^2 / 2, x the change in units of its size. With the prior P0 = L L^T and P = L Q L^T
 a row k of K reads tr(X Q), X = L^T (sum k_i V_i) L, and the distance to the prior is that of Q to one: the
-convex problem that `interior_point` solves. Rotor inertias are scaled by their prior: what the robot file
+convex problem that `nearest_bodies` solves. Rotor inertias are scaled by their prior: what the robot file
 says, else a tenth of the inertia of their link about the joint. Springs and friction count from what the
 file says, else from 0, in units of their size. `pseudo_inertia` has the prior of links where none is given.
 
@@ -33,20 +33,24 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
-from sympy import Symbol
 
 from symid.arrays import FloatArray, freeze
-from symid.dynamics.base_parameters import BaseParameter, BaseParameters
-from symid.dynamics.exact_algebra import list_symbols
-from symid.dynamics.explanations import Label
-from symid.dynamics.interior_point import BodyProblem, BodySolution, solve_body_problem
+from symid.dynamics.algebra import Label
+from symid.dynamics.base_parameters import BaseParameters, Grouping, build_grouping, list_known_values
+from symid.dynamics.nearest_bodies import (
+    BodyProblem,
+    NearestBodies,
+    compute_distance,
+    optimise_bodies,
+    solve_body_equations,
+)
 from symid.dynamics.pseudo_inertia import (
     PSEUDO_INERTIA_FORMS,
     build_prior,
     build_pseudo_inertias,
     compute_standard_parameters,
 )
-from symid.errors import Notice, RobotError, SolverError, UsageError
+from symid.errors import Notice, SolverError, UsageError
 from symid.joint_models import FRICTION_MODELS, get_friction
 from symid.notation import INERTIAL
 from symid.robot import (
@@ -59,45 +63,6 @@ from symid.robot import (
     Spring,
     explain_impossible_inertia,
 )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Grouping:
-    """K in numbers: `matrix` has a row for each of `parameters` and a column for each of `labels`."""
-
-    parameters: tuple[BaseParameter, ...]
-    labels: tuple[Label, ...]
-    matrix: FloatArray
-
-
-def build_grouping(robot: Robot, base: BaseParameters, names: Sequence[str] | None = None) -> Grouping:
-    """Return the grouping matrix K in numbers.
-
-    Args:
-        robot: the robot, for the values of its symbols.
-        base: its base parameters.
-        names: the base parameters wanted, friction too; all of beta if None.
-
-    Raises:
-        RobotError: a symbolic length has no value.
-    """
-    missing = [name for name in list_symbols(robot) if name not in dict(robot.symbols)]
-    if missing:
-        text = (
-            f"bodies need a value for the symbolic length {', '.join(missing)}: add it under [symbols], in m"
-        )
-        raise RobotError(Notice(code="robot.symbol-without-value", text=text, file=robot.path))
-    symbols = {Symbol(name): value for name, value in robot.symbols}
-    wanted = [p for p in (*base.parameters, *base.friction) if names is None or p.name in names]
-    if names is None:
-        wanted = list(base.parameters)
-    column = {label: index for index, label in enumerate(base.labels)}
-    matrix = np.zeros((len(wanted), len(base.labels)))
-    for row, parameter in enumerate(wanted):
-        for label, coefficient in parameter.terms:
-            number = coefficient if coefficient.is_number else coefficient.subs(symbols)
-            matrix[row, column[label]] = float(number)
-    return Grouping(parameters=tuple(wanted), labels=base.labels, matrix=matrix)
 
 
 def read_values(
@@ -167,32 +132,11 @@ _ROTOR_SHARE = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scales:
-    """The prior: pseudo-inertias and their factors, values of the positive and of the free parameters."""
+    """The prior: factors of the pseudo-inertias, values of the positive and of the free parameters."""
 
-    prior: FloatArray
     roots: FloatArray
     positive: Mapping[Label, float]
     free: Mapping[Label, tuple[float, float]]
-
-
-def _get_stated_value(robot: Robot, label: Label) -> float | None:
-    """Return what the robot file states of a drive, spring or friction parameter."""
-    index, name = label
-    if index >= robot.size:
-        coupling = robot.couplings[index - robot.size]
-        rotor, friction, spring = coupling.rotor_inertia, coupling.friction, None
-    else:
-        joint = robot.joints[index]
-        rotor, friction, spring = joint.drive.rotor_inertia, joint.friction, joint.spring
-    if name == "IA":
-        return rotor
-    if name in ("KS", "KR"):
-        stiffness = spring.stiffness if spring else None
-        if name == "KS" or spring is None or stiffness is None or spring.rest is None:
-            return stiffness if name == "KS" else None
-        return -stiffness * spring.rest
-    names = FRICTION_MODELS[friction.kind].parameters
-    return None if friction.values is None else friction.values[names.index(name)]
 
 
 def build_scales(robot: Robot, grouping: Grouping, target: FloatArray, prior: FloatArray | None) -> Scales:
@@ -204,6 +148,7 @@ def build_scales(robot: Robot, grouping: Grouping, target: FloatArray, prior: Fl
         else read_prior(robot, prior)
     )
     parameters = compute_standard_parameters(bodies)
+    stated = list_known_values(robot)
     positive: dict[Label, float] = {}
     free: dict[Label, tuple[float, float]] = {}
     for column, label in enumerate(grouping.labels):
@@ -211,7 +156,7 @@ def build_scales(robot: Robot, grouping: Grouping, target: FloatArray, prior: Fl
         index, name = label
         if name in INERTIAL or not np.any(coefficients):
             continue
-        known = _get_stated_value(robot, label)
+        known = stated.get(label)
         if name == "IA":
             joint = index if index < robot.size else robot.couplings[index - robot.size].terms[0][0]
             own = "ZZ" if robot.joints[joint].kind is JointKind.REVOLUTE else "M"
@@ -222,7 +167,6 @@ def build_scales(robot: Robot, grouping: Grouping, target: FloatArray, prior: Fl
             size = float(np.abs(target[rows] / coefficients[rows]).max())
             free[label] = (known or 0.0, abs(known or 0.0) or size or 1.0)
     return Scales(
-        prior=bodies,
         roots=np.asarray(np.linalg.cholesky(bodies), dtype=np.float64),
         positive=positive,
         free=free,
@@ -244,14 +188,15 @@ def build_problem(
     chosen = grouping.matrix[:, [column[label] for label in scales.free]]
     free, rest = chosen * sizes, target - chosen @ starts
     norms = np.sqrt((blocks**2).sum(axis=(1, 2, 3)) + (positive**2).sum(axis=1) + (free**2).sum(axis=1))
-    others = np.ones(len(units) + len(sizes))
     return BodyProblem(
         blocks=blocks / norms[:, None, None, None],
         positive=positive / norms[:, None],
-        free=free / norms[:, None],
+        others=free / norms[:, None],
         target=rest / norms,
-        slack=np.zeros(len(target)),
-        weights=np.concatenate([np.ones(robot.size) if weights is None else weights, others]),
+        shares=np.append(np.ones(robot.size) if weights is None else weights, np.ones(len(units))),
+        weight=1.0,
+        middle=np.zeros(len(sizes)),
+        loose=1.0,
     ), norms
 
 
@@ -277,7 +222,7 @@ class StandardSet:
         distance: to the prior, without unit.
         names: the base parameters that had values; residual: (m,) K pi - beta of them, in their SI units.
         eigenvalue: the smallest one of the pseudo-inertias, SI.
-        stationarity: the largest relative error in the conditions of optimality (Karush, Kuhn and Tucker).
+        stationarity: Newton's decrement at the end, a relative error of the bodies.
         iterations: steps of the solver.
         outcome: how it ended.
         blamed: base parameters that contradict each other, or all bodies, the worst first.
@@ -300,19 +245,18 @@ class StandardSet:
 def _is_one_sided(problem: BodyProblem, row: int) -> bool:
     """Return whether equation `row` has a positive left-hand side for all bodies."""
     lowest = float(np.linalg.eigvalsh(problem.blocks[row]).min())
-    return lowest > -1e-12 and not np.any(problem.free[row]) and bool(np.all(problem.positive[row] >= 0))
+    return lowest > -1e-12 and not np.any(problem.others[row]) and bool(np.all(problem.positive[row] >= 0))
 
 
 def _blame(
-    grouping: Grouping, target: FloatArray, problem: BodyProblem, solution: BodySolution
+    grouping: Grouping, target: FloatArray, problem: BodyProblem, shares: FloatArray
 ) -> tuple[tuple[str, ...], str]:
-    """Return which base values cannot be, and why.
+    """Return which base values cannot be, and why; `shares` are the sizes of the multipliers nu.
 
-    The multipliers nu make sum nu_i (K pi)_i >= 0 for all bodies (but for rounding), and sum nu_i beta_i < 0.
+    They make sum nu_i (K pi)_i >= 0 for all bodies (but for rounding), and sum nu_i beta_i < 0.
     """
     names = [parameter.name for parameter in grouping.parameters]
     alone = [row for row in range(len(names)) if problem.target[row] <= 0 and _is_one_sided(problem, row)]
-    shares = np.abs(solution.multipliers)
     order = [int(row) for row in np.argsort(-shares, kind="stable") if shares[row] >= _BLAMED * shares.max()]
     blamed = alone + [row for row in order if row not in alone]
     if alone:
@@ -328,24 +272,22 @@ def _blame(
     return tuple(names[row] for row in blamed), text
 
 
-def _measure_distance(problem: BodyProblem, solution: BodySolution) -> float:
-    """Return the distance from the prior."""
-    w_block, w_positive, w_free = problem.split(problem.weights)
-    logs = np.linalg.slogdet(solution.blocks)[1]
-    traces = np.trace(solution.blocks, axis1=1, axis2=2)
-    positive = solution.positive
-    return float(
-        w_block @ (traces - logs - 4)
-        + w_positive @ (positive - np.log(positive) - 1)
-        + 0.5 * w_free @ solution.free**2
-    )
-
-
-def _compute_slack(problem: BodyProblem, norms: FloatArray, deviations: FloatArray | None) -> FloatArray:
-    """Return the squares of the rows' standard deviations."""
+def _compute_sizes(problem: BodyProblem, norms: FloatArray, deviations: FloatArray | None) -> FloatArray:
+    """Return the rows' standard deviations."""
     if deviations is not None:
-        return np.asarray((deviations / norms) ** 2)
-    return np.full(len(norms), _DEVIATION**2 * max(1.0, float(np.mean(problem.target**2))))
+        return deviations / norms
+    return np.full(len(norms), _DEVIATION * np.sqrt(max(1.0, float(np.mean(problem.target**2)))))
+
+
+def _weigh_rows(problem: BodyProblem, sizes: FloatArray) -> BodyProblem:
+    """Return the problem with its rows over their standard deviations."""
+    return replace(
+        problem,
+        blocks=problem.blocks / sizes[:, None, None, None],
+        positive=problem.positive / sizes[:, None],
+        others=problem.others / sizes[:, None],
+        target=problem.target / sizes,
+    )
 
 
 def _build_set(
@@ -353,7 +295,7 @@ def _build_set(
     target: FloatArray,
     scales: Scales,
     problem: BodyProblem,
-    solution: BodySolution,
+    solution: NearestBodies,
 ) -> StandardSet:
     """Return the solution in the units of the parameters."""
     bodies = scales.roots @ solution.blocks @ scales.roots.transpose(0, 2, 1)
@@ -362,14 +304,14 @@ def _build_set(
         label: unit * float(x)
         for (label, unit), x in zip(scales.positive.items(), solution.positive, strict=True)
     }
-    for (label, (start, size)), x in zip(scales.free.items(), solution.free, strict=True):
+    for (label, (start, size)), x in zip(scales.free.items(), solution.others, strict=True):
         drives[label] = start + size * float(x)
     full = {(link, name): pi[link, k] for link in range(len(pi)) for k, name in enumerate(INERTIAL)} | drives
     vector = np.array([full.get(label, 0.0) for label in grouping.labels])
     return StandardSet(
         pi=freeze(pi),
         drives=tuple((label, drives[label]) for label in grouping.labels if label in drives),
-        distance=_measure_distance(problem, solution),
+        distance=compute_distance(problem, solution) + 0.5 * float(solution.others @ solution.others),
         names=tuple(parameter.name for parameter in grouping.parameters),
         residual=freeze(grouping.matrix @ vector - target),
         eigenvalue=float(np.linalg.eigvalsh(bodies).min()),
@@ -414,16 +356,16 @@ def compute_standard_set(
     # Numbers beyond all bounds end in an error of their own, not in warnings.
     with np.errstate(all="ignore"):
         problem, norms = build_problem(robot, grouping, target, scales, read_weights(robot, weights))
-        solution = solve_body_problem(problem)
-        if solution is not None:
-            return _build_set(grouping, target, scales, problem, solution)
-        problem = replace(problem, slack=_compute_slack(problem, norms, shares))
-        solution = solve_body_problem(problem)
-    if solution is None:
+        exact = solve_body_equations(problem)
+        if exact is not None:
+            return _build_set(grouping, target, scales, problem, exact)
+        sizes = _compute_sizes(problem, norms, shares)
+        nearest = optimise_bodies(_weigh_rows(problem, sizes))
+    if not np.isfinite(nearest.gap):
         text = "no consistent set was found: the values and the prior lie too many orders of magnitude apart"
         raise SolverError(Notice(code="solver.standard-set", text=text))
-    blamed, reason = _blame(grouping, target, problem, solution)
-    found = _build_set(grouping, target, scales, problem, solution)
+    blamed, reason = _blame(grouping, target, problem, np.abs(nearest.multipliers / sizes))
+    found = _build_set(grouping, target, scales, problem, nearest)
     return replace(found, outcome=StandardOutcome.NEAREST, blamed=blamed, reason=reason)
 
 

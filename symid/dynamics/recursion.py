@@ -30,7 +30,7 @@ from symid.dynamics.algebra import (
     subtract_vectors,
     transpose,
 )
-from symid.robot import Exact, Joint, JointKind, Robot
+from symid.robot import Exact, Joint, JointKind, Placement, Robot
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,14 +76,19 @@ class FramePose(Generic[T]):
     origin: Vector[T]
 
 
+def _lift_placement(placement: Placement, algebra: Algebra[T]) -> tuple[Matrix[T], Vector[T]]:
+    """Return rotation and translation of a placement in the carrier."""
+
+    def lift(row: Sequence[Exact]) -> Vector[T]:
+        x, y, z = (algebra.constant(value) for value in row)
+        return x, y, z
+
+    first, second, third = (lift(row) for row in placement.rotation)
+    return (first, second, third), lift(placement.translation)
+
+
 def _build_frame(joint: Joint, index: int, algebra: Algebra[T], state: RobotState[T]) -> LinkFrame[T]:
-    rows = [[algebra.constant(value) for value in row] for row in joint.placement.rotation]
-    fixed: Matrix[T] = (
-        (rows[0][0], rows[0][1], rows[0][2]),
-        (rows[1][0], rows[1][1], rows[1][2]),
-        (rows[2][0], rows[2][1], rows[2][2]),
-    )
-    x, y, z = (algebra.constant(value) for value in joint.placement.translation)
+    fixed, (x, y, z) = _lift_placement(joint.placement, algebra)
     if joint.kind is JointKind.REVOLUTE:
         return LinkFrame(
             fixed=fixed, turn=(state.cosine[index], state.sine[index]), origin=(x, y, z), revolute=True
@@ -202,14 +207,8 @@ def compute_link_poses(recursion: Recursion[T]) -> tuple[FramePose[T], ...]:
     algebra = recursion.algebra
     result = []
     for joint, pose in zip(recursion.robot.joints, compute_poses(recursion), strict=True):
-        rows = [[algebra.constant(value) for value in row] for row in joint.frame.rotation]
-        turn: Matrix[T] = (
-            (rows[0][0], rows[0][1], rows[0][2]),
-            (rows[1][0], rows[1][1], rows[1][2]),
-            (rows[2][0], rows[2][1], rows[2][2]),
-        )
-        x, y, z = (algebra.constant(value) for value in joint.frame.translation)
-        origin = add_vectors(algebra, pose.origin, apply_matrix(algebra, pose.rotation, (x, y, z)))
+        turn, start = _lift_placement(joint.frame, algebra)
+        origin = add_vectors(algebra, pose.origin, apply_matrix(algebra, pose.rotation, start))
         result.append(FramePose(rotation=multiply_matrices(algebra, pose.rotation, turn), origin=origin))
     return tuple(result)
 

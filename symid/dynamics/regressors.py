@@ -20,7 +20,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Generic
 
-from symid.dynamics.algebra import Algebra, T, cross, dot, sum_values
+from symid.dynamics.algebra import Algebra, Label, T, cross, dot, sum_values
 from symid.dynamics.bodies import DRIVE_PARAMETERS, Body, compute_drive_column
 from symid.dynamics.newton_euler import Reference, compute_acceleration_tensors, compute_tensor_wrench
 from symid.dynamics.recursion import LinkMotion, Recursion
@@ -84,13 +84,12 @@ def compute_body_energy(algebra: Algebra[T], body: Body[T], motion: LinkMotion[T
     return share, weight
 
 
-Key = tuple[int, str]
-Columns = dict[Key, Sequence[T]]
+Columns = dict[Label, Sequence[T]]
 
 
 def _compute_columns(
     recursion: Recursion[T],
-    keys: Sequence[Key],
+    keys: Sequence[Label],
     link_wrench: Callable[[int, str], Wrench[T]],
     drive: tuple[Sequence[T], int],
     meet: ProjectionFrame | None,
@@ -106,7 +105,7 @@ def _compute_columns(
 
 
 def compute_torque_columns(
-    recursion: Recursion[T], keys: Sequence[Key], *, meet: ProjectionFrame | None = None
+    recursion: Recursion[T], keys: Sequence[Label], *, meet: ProjectionFrame | None = None
 ) -> Columns[T]:
     """Return the torque regressor's columns: tau = Y(q, dq, ddq) pi."""
     return _compute_tensor_columns(recursion, None, keys, meet)
@@ -115,7 +114,7 @@ def compute_torque_columns(
 def compute_slotine_li_columns(
     recursion: Recursion[T],
     reference: Reference[T],
-    keys: Sequence[Key],
+    keys: Sequence[Label],
     *,
     meet: ProjectionFrame | None = None,
 ) -> Columns[T]:
@@ -131,7 +130,10 @@ def compute_slotine_li_columns(
 
 
 def _compute_tensor_columns(
-    recursion: Recursion[T], reference: Reference[T] | None, keys: Sequence[Key], meet: ProjectionFrame | None
+    recursion: Recursion[T],
+    reference: Reference[T] | None,
+    keys: Sequence[Label],
+    meet: ProjectionFrame | None,
 ) -> Columns[T]:
     spins = compute_acceleration_tensors(recursion, reference)
     accelerations = reference[1] if reference else recursion.state.acceleration
@@ -145,7 +147,7 @@ def _compute_tensor_columns(
 
 
 def compute_momentum_columns(
-    recursion: Recursion[T], keys: Sequence[Key], *, meet: ProjectionFrame | None = None
+    recursion: Recursion[T], keys: Sequence[Label], *, meet: ProjectionFrame | None = None
 ) -> Columns[T]:
     """Return the momentum regressor's columns: dT/ddq = Yp(q, dq) pi."""
     return _compute_columns(
@@ -158,7 +160,7 @@ def compute_momentum_columns(
 
 
 def compute_lagrange_columns(
-    recursion: Recursion[T], keys: Sequence[Key], *, meet: ProjectionFrame | None = None
+    recursion: Recursion[T], keys: Sequence[Label], *, meet: ProjectionFrame | None = None
 ) -> Columns[T]:
     """Return the columns of dL/dq = dT/dq - dV/dq.
 

@@ -29,8 +29,9 @@ from sympy import Expr, Integer, Matrix, Rational, Symbol
 from sympy.polys.matrices import DomainMatrix
 
 from symid.arrays import FloatArray
+from symid.dynamics.algebra import Label
 from symid.dynamics.base_parameters import BaseParameters, build_standard_parameters
-from symid.dynamics.explanations import Label, write_combination, write_label
+from symid.dynamics.explanations import write_combination, write_label
 from symid.errors import Notice, UsageError
 from symid.robot import Robot
 
@@ -192,29 +193,6 @@ def _write_labels(base: BaseParameters) -> dict[Label, str]:
         head = f"{entry.label[1]}R" if len(entry.terms) > 1 else entry.label[1]
         names[entry.label] = f"{entry.label[1]}{entry.name.removeprefix(head)}"
     return names
-
-
-def derive_regrouping(
-    base: BaseParameters,
-    groups: Sequence[Mapping[Label, Expr | Fraction]],
-    names: Sequence[str] = (),
-) -> Regrouping:
-    """Return the exact matrix from our parameters to those of `groups`, which messages call `names`.
-
-    Raises:
-        UsageError: groups hold what no motion shows (all are told), or say what others say already.
-    """
-    titles = [repr(name) for name in names] or [f"group {number}" for number in range(1, len(groups) + 1)]
-    rows: list[tuple[Expr, ...]] = []
-    notices: list[Notice] = []
-    for title, group in zip(titles, groups, strict=True):
-        try:
-            rows.append(express_group(base, group, title))
-        except UsageError as error:
-            notices += error.notices
-    if notices:
-        raise UsageError(*notices)
-    return build_regrouping(base, rows, titles)
 
 
 def build_regrouping(

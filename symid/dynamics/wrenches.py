@@ -102,7 +102,8 @@ class LinkAcceleration(Generic[T]):
     linear: Vector[T]
 
 
-def _build_unit_vector(algebra: Algebra[T], axis: int) -> Vector[T]:
+def build_unit_vector(algebra: Algebra[T], axis: int) -> Vector[T]:
+    """Return x, y or z for 0, 1 or 2."""
     zero, one = algebra.zero, algebra.one
     return (one if axis == 0 else zero, one if axis == 1 else zero, one if axis == 2 else zero)
 
@@ -129,7 +130,7 @@ def compute_momentum(algebra: Algebra[T], name: str, motion: LinkMotion[T]) -> W
         return Wrench(force=zero, moment=_apply_tensor(algebra, name, motion.angular))
     if name == "M":
         return Wrench(force=motion.linear, moment=zero)
-    axis = _build_unit_vector(algebra, INERTIAL.index(name) - INERTIAL.index("MX"))
+    axis = build_unit_vector(algebra, INERTIAL.index(name) - INERTIAL.index("MX"))
     return Wrench(force=cross(algebra, motion.angular, axis), moment=cross(algebra, axis, motion.linear))
 
 
@@ -140,7 +141,7 @@ def compute_gravity_wrench(algebra: Algebra[T], name: str, motion: LinkMotion[T]
         return Wrench(force=zero, moment=zero)
     if name == "M":
         return Wrench(force=motion.gravity, moment=zero)
-    axis = _build_unit_vector(algebra, INERTIAL.index(name) - INERTIAL.index("MX"))
+    axis = build_unit_vector(algebra, INERTIAL.index(name) - INERTIAL.index("MX"))
     return Wrench(force=zero, moment=cross(algebra, axis, motion.gravity))
 
 

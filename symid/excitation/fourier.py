@@ -12,11 +12,11 @@ given, have q = 0 there; the series is periodic, so that what holds at its start
 Supported: any number of harmonics and joints. Not supported: harmonics that differ from joint to joint.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import Notice, UsageError
 from symid.excitation.trajectories import Trajectory, build_fourier
 
@@ -39,7 +39,7 @@ class SeriesOptions:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SeriesSpace:
+class SeriesSpace(FrozenArrays):
     """The series that meet all demands, as an affine space.
 
     Args:
@@ -51,11 +51,6 @@ class SeriesSpace:
     offset: FloatArray
     harmonics: int
     period: float
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("maps", "offset"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
 
     @property
     def size(self) -> int:
@@ -95,16 +90,7 @@ class SeriesSpace:
             duration=self.period,
             ramp=0.0,
         )
-        return Trajectory(
-            centre=series.centre,
-            amplitude=series.amplitude,
-            frequency=series.frequency,
-            phase=series.phase,
-            decay=series.decay,
-            ramp=0.0,
-            duration=self.period,
-            source=source,
-        )
+        return replace(series, source=source)
 
 
 def build_basis(harmonics: int, period: float, times: FloatArray, orders: int) -> FloatArray:
@@ -145,7 +131,11 @@ def build_series_space(options: SeriesOptions, centre: FloatArray, scales: Float
         UsageError: the options leave no motion, or are out of range.
     """
     _check_options(options, len(centre))
-    demands = _build_end_conditions(options)
+    # Velocity and acceleration at the start, by w and w^2, and position: (m, 2h + 1).
+    basis = build_basis(options.harmonics, 2.0 * np.pi, np.zeros(1), 3)[:, 0]
+    kept = ([1, 2] if options.rest else []) + ([0] if options.start is not None else [])
+    # Sines and cosines of multiples of a right angle are not quite what they are.
+    demands = np.round(basis[kept], 9)
     maps, offsets = [], []
     for joint, scale in enumerate(scales):
         rows = demands * scale
@@ -165,14 +155,6 @@ def build_series_space(options: SeriesOptions, centre: FloatArray, scales: Float
         harmonics=options.harmonics,
         period=options.period,
     )
-
-
-def _build_end_conditions(options: SeriesOptions) -> FloatArray:
-    """Return rows (m, 2h + 1): velocity and acceleration at the start, by w and w^2, and position."""
-    basis = build_basis(options.harmonics, 2.0 * np.pi, np.zeros(1), 3)[:, 0]
-    kept = ([1, 2] if options.rest else []) + ([0] if options.start is not None else [])
-    # Sines and cosines of multiples of a right angle are not quite what they are.
-    return np.round(basis[kept], 9)
 
 
 def _check_options(options: SeriesOptions, size: int) -> None:

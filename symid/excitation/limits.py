@@ -1,17 +1,10 @@
 """Limits of a motion: position, velocity, acceleration, jerk, torque, torsion and workspace.
 
-Robot, fallbacks for limits that its file does not state, a workspace file -> MotionLimits and LimitRows,
-linear in the unknowns of a series; StateLimits, functions of CasADi of one sample's states with exact
+Robot, fallbacks for limits that its file does not state, a workspace file -> MotionLimits;
+StateLimits, functions of CasADi of one sample's states with exact
 derivatives.
 
-Motion. A trigonometric polynomial p of degree h sampled at M > 2 h equal steps of its period satisfies
-
-    max_t |p(t)| <= max_i |p(t_i)| / cos(pi h / M)
-
-(Ehlich and Zeller 1964), and max |dp/dt| <= h w max |p| (Bernstein). The first makes limits on the grid
-hold between its points; the second finds the limits that can never be reached, whose rows are left out.
-
-State. Values v with v <= 1 (and v >= -1 where both signs count):
+Values v with v <= 1 (and v >= -1 where both signs count):
 
     torque    v = (tau(q, dq, ddq) + friction) / (share limit), of an elastic joint with the rotor's IA ddq
     torsion   v = tau_link / (k share limit), k what is left of the stiffness when all stops slip
@@ -49,10 +42,9 @@ from typing import Any, final
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import ParameterCard
 from symid.errors import Notice, RobotError
-from symid.excitation.fourier import SeriesSpace, build_grid_basis
 from symid.excitation.observation import bind_in_place, smooth_friction
 from symid.robot import (
     NOT_NEGATIVE,
@@ -89,7 +81,7 @@ class LimitOptions:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MotionLimits:
+class MotionLimits(FrozenArrays):
     """Limits of all joints, in full; a motion uses `share` of them.
 
     Args:
@@ -108,32 +100,10 @@ class MotionLimits:
     share: float
     assumed: tuple[str, ...] = ()
 
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("centre", "half", "velocity", "acceleration", "jerk", "torque"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
-
     @property
     def bounds(self) -> FloatArray:
         """Return half, velocity, acceleration, jerk as (4, n)."""
         return np.array([self.half, self.velocity, self.acceleration, self.jerk])
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LimitRows:
-    """Linear inequalities -1 <= rows z + constant <= 1, joint by joint.
-
-    Args:
-        rows: for each joint (m_j, r). constants: for each joint (m_j,).
-    """
-
-    rows: tuple[FloatArray, ...]
-    constants: tuple[FloatArray, ...]
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("rows", "constants"):
-            object.__setattr__(self, name, tuple(map(freeze, getattr(self, name))))
 
 
 def get_motion_limits(robot: Robot, options: LimitOptions | None = None) -> MotionLimits:
@@ -184,41 +154,6 @@ def compute_coefficient_scales(limits: MotionLimits, harmonics: int, period: flo
     bounds = limits.share * limits.bounds[:, :, None] / speed ** np.arange(4)[:, None, None]
     waves = bounds.min(axis=0)
     return np.hstack([limits.share * limits.half[:, None], waves, waves])
-
-
-def build_limit_rows(space: SeriesSpace, limits: MotionLimits, density: int) -> LimitRows:
-    """Return rows under which a series keeps its limits at all times.
-
-    Args:
-        space: of the series.
-        limits: of the joints.
-        density: grid points per harmonic, 3 at least; with 20 of them the limits lose 1.2 % between.
-    """
-    points = density * space.harmonics
-    sure = limits.share * math.cos(math.pi * space.harmonics / points)
-    basis = build_grid_basis(space, points, 4)
-    fastest = 2.0 * math.pi * space.harmonics / space.period
-    rows, constants = [], []
-    for joint in range(space.size):
-        offset = space.offset[joint].copy()
-        offset[0] -= limits.centre[joint]
-        kept = _list_active_orders(limits.share * limits.bounds[:, joint], fastest)
-        bounds = sure * limits.bounds[kept, joint]
-        full = basis[kept] / bounds[:, None, None]
-        rows.append((full @ space.maps[joint]).reshape(-1, space.maps.shape[2]))
-        constants.append((full @ offset).reshape(-1))
-    return LimitRows(rows=tuple(rows), constants=tuple(constants))
-
-
-def _list_active_orders(bounds: FloatArray, fastest: float) -> list[int]:
-    """Return the orders of derivative whose limit does not follow from that of a lower one."""
-    kept, reach = [], math.inf
-    for order, bound in enumerate(bounds.tolist()):
-        if bound < reach:
-            kept.append(order)
-            reach = bound
-        reach *= fastest
-    return kept
 
 
 _COMMON = ("links", "point", "size")
@@ -469,7 +404,11 @@ def _list_torsions(robot: Robot, limits: MotionLimits, options: StateLimitOption
     if options.torsion is None:
         return []
     allowed = limits.share * options.torsion
-    stiffness: Sequence[float | None] = options.stiffness or _list_stiffness(robot)
+    # What is left when all stops slip, or the stops where nothing else is.
+    stiffness: Sequence[float | None] = options.stiffness or [
+        None if spring is None else spring.stiffness or spring.initial_stiffness
+        for spring in (joint.elasticity for joint in robot.axes)
+    ]
     if len(stiffness) != robot.freedom or not all(value is None or value > 0.0 for value in stiffness):
         text = (
             f"the torsion needs a positive stiffness for each of {robot.freedom} joints, got {len(stiffness)}"
@@ -490,12 +429,6 @@ def _list_torsions(robot: Robot, limits: MotionLimits, options: StateLimitOption
         text = "no joint of it is elastic, or its stiffness is not stated; give the stiffness of all joints"
         raise RobotError(Notice(code="excitation.stiffness", text=text, file=robot.path))
     return entries
-
-
-def _list_stiffness(robot: Robot) -> list[float | None]:
-    """Return the stiffness that is left when all stops slip, that of the stops where nothing else is."""
-    springs = (joint.elasticity for joint in robot.axes)
-    return [None if spring is None else spring.stiffness or spring.initial_stiffness for spring in springs]
 
 
 def _build_torques(robot: Robot, states: Sequence[Any]) -> tuple[Any, Any] | None:
@@ -539,34 +472,25 @@ def _list_space(robot: Robot, workspace: WorkspaceLimits, position: Any) -> list
         for point in region.points:
             turn = ca.reshape(turns[point.joint, :], 3, 3).T
             place = origins[point.joint, :].T + turn @ ca.DM(list(point.place))
+            limit, expression = _build_clearance(region, place, point.size)
+            name = f"{region.label}, {robot.joints[point.joint].name}"
             entries.append(
-                _Limit(
-                    name=f"{region.label}, {robot.joints[point.joint].name}",
-                    kind=region.kind,
-                    limit=_compute_kept_radius(region, point.size),
-                    both=False,
-                    expression=_build_clearance(region, place, point.size),
-                )
+                _Limit(name=name, kind=region.kind, limit=limit, both=False, expression=expression)
             )
     return entries
 
 
-def _build_clearance(region: WorkspaceRegion, place: Any, size: float) -> Any:  # noqa: ANN401  of casadi
+def _build_clearance(region: WorkspaceRegion, place: Any, size: float) -> tuple[float, Any]:  # noqa: ANN401  of casadi
+    """Return the length in m that a value of one stands for, and the value."""
     import casadi as ca
 
     anchor = ca.DM(list(region.anchor))
     if region.kind == "plane":
-        return 1.0 - (ca.dot(anchor, place) - region.extent - size)
+        return 1.0, 1.0 - (ca.dot(anchor, place) - region.extent - size)
     squared = ca.sumsqr(place - anchor)
     if region.kind == "in":
-        return squared / (region.extent - size) ** 2
-    return 2.0 - squared / (region.extent + size) ** 2
-
-
-def _compute_kept_radius(region: WorkspaceRegion, size: float) -> float:
-    if region.kind == "plane":
-        return 1.0
-    return region.extent - size if region.kind == "in" else region.extent + size
+        return region.extent - size, squared / (region.extent - size) ** 2
+    return region.extent + size, 2.0 - squared / (region.extent + size) ** 2
 
 
 @final

@@ -24,26 +24,24 @@ start there).
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, final
+from operator import attrgetter
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
-from symid.callbacks import build_callback
+from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import IdentifiabilityError, Notice, SolverError, UsageError
 from symid.excitation.limits import compute_coefficient_scales
 from symid.excitation.observation import CRITERIA, Criterion
 from symid.excitation.problem import (
     ExcitationProblem,
-    FineObservation,
     Margin,
-    Mask,
     ProblemOptions,
     build_problem,
     compute_margins,
     compute_overshoot,
 )
 from symid.excitation.trajectories import Trajectory
+from symid.ipopt import Ending, IpoptOptions, SmoothProblem, keep_last, minimise
 from symid.robot import Robot
 
 _TRIES = 20
@@ -55,17 +53,12 @@ _SMALLEST = 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Candidates:
+class Candidates(FrozenArrays):
     """Unknowns (N, n r) and condition numbers (N,), sorted by the latter; `drawn`: how many were tried."""
 
     unknowns: FloatArray
     conditions: FloatArray
     drawn: int
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("unknowns", "conditions"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
 
 
 def draw_candidates(problem: ExcitationProblem, count: int, rng: np.random.Generator) -> Candidates:
@@ -106,15 +99,11 @@ def _draw_candidate(
     rest = space.find_unknowns(middle).ravel()
     motion = space.find_unknowns(space.offset + wave).ravel()
     excess = problem.find_state_excess(rest)
-    if np.any(excess > 0.0) or not _is_within(problem, rest):
+    if np.any(excess > 0.0) or np.any(np.abs(problem.rows @ rest + problem.constants) > 1.0):
         return None, excess
     motion *= np.repeat(_compute_largest_scales(problem, rest, motion), space.shape[1])
     share = _search_common_scale(problem, rest, motion)
     return (rest + share * motion if share > _SMALLEST else None), excess
-
-
-def _is_within(problem: ExcitationProblem, unknowns: FloatArray) -> bool:
-    return bool(np.all(np.abs(problem.rows @ unknowns + problem.constants) <= 1.0))
 
 
 def _compute_largest_scales(problem: ExcitationProblem, rest: FloatArray, motion: FloatArray) -> FloatArray:
@@ -157,218 +146,13 @@ def _describe_narrow(problem: ExcitationProblem, worst: FloatArray, drawn: int) 
     return Notice(code="excitation.narrow", text=text)
 
 
-_LINEAR_SOLVER = "mumps"
-"""The one that the wheel of CasADi carries and that works; others end at once or crash."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class IpoptOptions:
-    """How long and how exactly: iterations, tolerance, first barrier parameter, pairs kept of the Hessian."""
-
-    iterations: int = 200
-    tolerance: float = 1e-4
-    barrier: float = 1e-2
-    memory: int = 6
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SmoothProblem:
-    """Functions of the unknowns (n,).
-
-    Args:
-        value: f. gradient: (n,). constraints: g (m,). jacobian: (m, n), zero outside `pattern`.
-        pattern: (m, n), true where the Jacobian may differ from zero.
-        lower, upper: (m,), infinite for none.
-    """
-
-    value: Callable[[FloatArray], float]
-    gradient: Callable[[FloatArray], FloatArray]
-    constraints: Callable[[FloatArray], FloatArray]
-    jacobian: Callable[[FloatArray], FloatArray]
-    pattern: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
-    lower: FloatArray
-    upper: FloatArray
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class IpoptResult:
-    """Where a run ended: unknowns (n,), Ipopt's own return status, iterations."""
-
-    unknowns: FloatArray
-    status: str
-    iterations: int
-
-    @property
-    def converged(self) -> bool:
-        """Return whether the tolerances are met."""
-        return self.status in {"Solve_Succeeded", "Solved_To_Acceptable_Level"}
-
-
-def run_ipopt(problem: SmoothProblem, start: FloatArray, options: IpoptOptions | None = None) -> IpoptResult:
-    """Return where Ipopt ends from `start` (n,)."""
-    import casadi
-
-    options = options or IpoptOptions()
-    size = len(start)
-    unknowns = casadi.MX.sym("x", size)
-    value, constraints, gradient, jacobian = _build_casadi_functions(problem, size)
-    settings = {
-        "grad_f": gradient,
-        "jac_g": jacobian,
-        "no_nlp_grad": True,
-        "print_time": False,
-        "error_on_fail": False,
-        "ipopt": {
-            "print_level": 0,
-            "sb": "yes",
-            "linear_solver": _LINEAR_SOLVER,
-            "hessian_approximation": "limited-memory",
-            "limited_memory_max_history": options.memory,
-            "nlp_scaling_method": "none",
-            "bound_relax_factor": 0.0,
-            "tol": options.tolerance,
-            "max_iter": options.iterations,
-            "mu_strategy": "monotone",
-            "mu_init": options.barrier,
-        },
-    }
-    expressions = {"x": unknowns, "f": value(unknowns), "g": constraints(unknowns)}
-    solver = casadi.nlpsol("excitation", "ipopt", expressions, settings)
-    answer = solver(x0=start, lbg=problem.lower, ubg=problem.upper)
-    statistics = solver.stats()
-    return IpoptResult(
-        unknowns=np.asarray(answer["x"], dtype=np.float64).ravel(),
-        status=str(statistics["return_status"]),
-        iterations=int(statistics["iter_count"]),
-    )
-
-
-def _build_casadi_functions(problem: SmoothProblem, size: int) -> tuple[Any, Any, Any, Any]:
-    """Return f, g, grad_f and jac_g as CasADi wants them; they must live as long as the solver."""
-    import casadi
-
-    dense = casadi.Sparsity.dense
-    # CasADi stores columns one after the other.
-    columns, rows = np.nonzero(problem.pattern.T)
-    count = len(problem.lower)
-    pattern = casadi.Sparsity.triplet(count, size, rows.tolist(), columns.tolist())
-    x, one, none, many = dense(size, 1), dense(1, 1), dense(0, 0), dense(count, 1)
-
-    def read(argument: Any) -> FloatArray:  # noqa: ANN401  of casadi
-        return np.array(argument, dtype=np.float64).ravel()
-
-    def find_jacobian(arguments: Sequence[Any]) -> list[Any]:
-        unknowns = read(arguments[0])
-        entries = problem.jacobian(unknowns)[rows, columns]
-        return [casadi.DM(problem.constraints(unknowns)), casadi.DM(pattern, entries)]
-
-    def find_gradient(arguments: Sequence[Any]) -> list[Any]:
-        unknowns = read(arguments[0])
-        return [problem.value(unknowns), casadi.DM(problem.gradient(unknowns))]
-
-    return (
-        build_callback("value", (("x", x),), (("f", one),), lambda a: [problem.value(read(a[0]))]),
-        build_callback(
-            "constraints", (("x", x),), (("g", many),), lambda a: [casadi.DM(problem.constraints(read(a[0])))]
-        ),
-        build_callback("gradient", (("x", x), ("p", none)), (("f", one), ("grad_f_x", x)), find_gradient),
-        build_callback(
-            "jacobian", (("x", x), ("p", none)), (("g", many), ("jac_g_x", pattern)), find_jacobian
-        ),
-    )
-
-
 _NEAR = 0.75
 """Part of a limit from which on it is watched."""
 _ROUNDS = 5
 """Of watching more; in the last one everything is watched."""
 _SLACK = 1e-6
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Descent:
-    """Where a descent ended: unknowns (n r,), criterion, Ipopt's iterations and status, limits kept?"""
-
-    unknowns: FloatArray
-    value: float
-    iterations: int
-    status: str
-    feasible: bool
-
-
-def run_descent(
-    problem: ExcitationProblem,
-    start: FloatArray,
-    criterion: Criterion,
-    options: IpoptOptions,
-    tightening: FloatArray,
-) -> Descent:
-    """Return the descent from `start` (n r,).
-
-    Args:
-        problem: functions and limits.
-        start: where to begin.
-        criterion: what is minimised.
-        options: of each run of Ipopt.
-        tightening: (v,) taken off the limits of torque, torsion and space.
-    """
-    evaluator = _CachedCriterion(problem, criterion)
-    state_limits = 1.0 - tightening
-    unknowns, iterations, status = start, 0, ""
-    watched = np.zeros((problem.points, len(tightening)), dtype=bool)
-    if len(tightening):
-        watched = problem.find_state_use(start) > _NEAR * state_limits
-    for round_ in range(_ROUNDS):
-        ending = run_ipopt(_build_smooth_problem(problem, evaluator, tightening, watched), unknowns, options)
-        iterations, status = iterations + ending.iterations, ending.status
-        if not np.all(np.isfinite(ending.unknowns)):
-            break
-        unknowns = ending.unknowns
-        if not len(tightening):
-            break
-        use = problem.find_state_use(unknowns)
-        if not np.any((use > state_limits + _SLACK) & ~watched):
-            break
-        watched |= (use > _NEAR * state_limits) | (round_ == _ROUNDS - 2)
-    was, here = evaluator.evaluate(start)[0], evaluator.evaluate(unknowns)[0]
-    before, after = (_is_feasible(problem, z, state_limits) for z in (start, unknowns))
-    better = (after and not before) or (after == before and here < was)
-    return Descent(
-        unknowns=unknowns if better else start,
-        value=here if better else was,
-        iterations=iterations,
-        status=status,
-        feasible=after if better else before,
-    )
-
-
-@final
-class _CachedCriterion:
-    """Value and gradient; the last point is kept, as the solver asks for it twice."""
-
-    def __init__(self, problem: ExcitationProblem, criterion: Criterion) -> None:
-        self.problem, self.criterion = problem, criterion
-        self.key, self.kept = b"", (0.0, np.zeros(0))
-
-    def evaluate(self, z: FloatArray) -> tuple[float, FloatArray]:
-        if z.tobytes() != self.key:
-            self.kept, self.key = self.problem.find_value(z, self.criterion), z.tobytes()
-        return self.kept
-
-
-def _build_smooth_problem(
-    problem: ExcitationProblem, evaluator: _CachedCriterion, tightening: FloatArray, watched: Mask
-) -> SmoothProblem:
-    lower, upper = problem.find_bounds(tightening, watched)
-    return SmoothProblem(
-        value=lambda z: evaluator.evaluate(z)[0],
-        gradient=lambda z: evaluator.evaluate(z)[1],
-        constraints=lambda z: problem.find_constraints(z, watched),
-        jacobian=lambda z: problem.find_jacobian(z, watched),
-        pattern=problem.find_pattern(watched),
-        lower=lower,
-        upper=upper,
-    )
+_TOLERANCE = 1e-4
+"""Of Ipopt."""
 
 
 def _is_feasible(problem: ExcitationProblem, z: FloatArray, state_limits: FloatArray) -> bool:
@@ -492,8 +276,10 @@ def optimise_excitation(
     names = tuple(joint.name for joint in robot.axes)
     runs = _search(problem, candidates, options, tell)
     unknowns, margins = _enforce_limits(problem, names, runs[0], options)
-    judge = FineObservation(robot, problem)
-    condition, information = judge.find_figures(unknowns)
+    judge = problem.build_stated(robot)
+    informative = np.argsort([problem.find_information(z) for z in candidates.unknowns], kind="stable")[
+        -_JUDGED:
+    ]
     series = options.problem.series
     source = (
         f"optimised finite Fourier series ({options.criterion}), {series.harmonics} harmonics of "
@@ -502,25 +288,16 @@ def optimise_excitation(
     return OptimisedExcitation(
         trajectory=problem.space.build_trajectory(unknowns.reshape(problem.space.shape), source),
         coefficients=problem.space.find_coefficients(unknowns.reshape(problem.space.shape)),
-        condition=condition,
-        information=information,
+        condition=judge.find_condition(unknowns),
+        information=judge.find_information(unknowns),
         parameters=problem.observation.names,
-        random_condition=min(judge.find_figures(z)[0] for z in candidates.unknowns[:_JUDGED]),
-        random_median=judge.find_figures(candidates.unknowns[len(candidates.unknowns) // 2])[0],
-        random_information=_compute_most_information(problem, judge, candidates),
+        random_condition=min(judge.find_condition(z) for z in candidates.unknowns[:_JUDGED]),
+        random_median=judge.find_condition(candidates.unknowns[len(candidates.unknowns) // 2]),
+        random_information=max(judge.find_information(candidates.unknowns[place]) for place in informative),
         runs=tuple(runs),
         margins=margins,
         notices=_list_notices(problem),
     )
-
-
-def _compute_most_information(
-    problem: ExcitationProblem, judge: FineObservation, candidates: Candidates
-) -> float:
-    """Return the most information of a random series."""
-    found = [problem.find_information(z) for z in candidates.unknowns]
-    best = np.argsort(found, kind="stable")[-_JUDGED:]
-    return max(judge.find_figures(candidates.unknowns[place])[1] for place in best)
 
 
 def _check_options(options: ExcitationOptions) -> None:
@@ -545,7 +322,7 @@ def _check_options(options: ExcitationOptions) -> None:
 
 def _list_search_stages(options: ExcitationOptions) -> tuple[_SearchStage, ...]:
     def run(barrier: float, iterations: int) -> IpoptOptions:
-        return IpoptOptions(iterations=iterations, barrier=barrier)
+        return IpoptOptions(tolerance=_TOLERANCE, iterations=iterations, barrier=barrier)
 
     many, few, full = options.starts, min(options.refined, options.starts), options.iterations
     short = min(60, full)
@@ -583,11 +360,14 @@ def _search(
     ][: options.starts]
     tightening = np.zeros(len(problem.state_limits.names))
     coarse = problem.build_coarse()
+    objective = attrgetter("value" if options.criterion == "d-optimal" else "condition")
     for number, stage in enumerate(_list_search_stages(options), 1):
-        tell(f"round {number}: {stage.kept} trajectories, {_describe_criterion(stage.criterion)}")
+        by_power = f"condition number with power {stage.criterion.power:g}"
+        what = "d-optimal" if stage.criterion.name == "d-optimal" else by_power
+        tell(f"round {number}: {stage.kept} trajectories, {what}")
         form = coarse if stage.coarse else problem
         taken = [_advance_run(form, run, stage, tightening) for run in runs[: stage.kept]]
-        runs = sorted((*taken, *runs[stage.kept :]), key=lambda run: _get_objective(run, options))
+        runs = sorted((*taken, *runs[stage.kept :]), key=objective)
         tell(f"  condition number {min(run.condition for run in runs):.4g}")
     return runs
 
@@ -595,25 +375,48 @@ def _search(
 def _advance_run(
     problem: ExcitationProblem, run: OptimisationRun, stage: _SearchStage, tightening: FloatArray
 ) -> OptimisationRun:
-    descent = run_descent(problem, run.unknowns, stage.criterion, stage.ipopt, tightening)
+    """Return where the descent from a run ends; what it breaks is watched as well, and the descent goes on.
+
+    Args:
+        problem: functions and limits.
+        run: where to begin; it stays where its end is no better.
+        stage: what is minimised, and the options of each run of Ipopt.
+        tightening: (v,) taken off the limits of torque, torsion and space.
+    """
+    evaluate = keep_last(lambda z: problem.find_value(z, stage.criterion))
+    start, state_limits = run.unknowns, 1.0 - tightening
+    unknowns, iterations, status = start, run.iterations, ""
+    free = np.full(len(start), np.inf)
+    watched = np.zeros((problem.points, len(tightening)), dtype=bool)
+    if len(tightening):
+        watched = problem.find_state_use(start) > _NEAR * state_limits
+    for round_ in range(_ROUNDS):
+        smooth = SmoothProblem(
+            value=lambda z: evaluate(z)[0],
+            gradient=lambda z: evaluate(z)[1],
+            lower=-free,
+            upper=free,
+            constraints=problem.build_constraints(tightening, watched),
+        )
+        ended = minimise(smooth, unknowns, stage.ipopt)
+        unknowns, iterations, status = ended.x, iterations + ended.iterations, ended.status
+        if ended.outcome is Ending.FAILED or not len(tightening):
+            break
+        use = problem.find_state_use(unknowns)
+        if not np.any((use > state_limits + _SLACK) & ~watched):
+            break
+        watched |= (use > _NEAR * state_limits) | (round_ == _ROUNDS - 2)
+    before, after = (_is_feasible(problem, z, state_limits) for z in (start, unknowns))
+    was, here = evaluate(start)[0], evaluate(unknowns)[0]
+    better = (after and not before) or (after == before and here < was)
     return OptimisationRun(
-        unknowns=descent.unknowns,
-        value=descent.value,
+        unknowns=unknowns if better else start,
+        value=here if better else was,
         start=run.start,
-        condition=problem.find_condition(descent.unknowns),
-        iterations=run.iterations + descent.iterations,
-        status=descent.status,
+        condition=problem.find_condition(unknowns if better else start),
+        iterations=iterations,
+        status=status,
     )
-
-
-def _describe_criterion(criterion: Criterion) -> str:
-    return (
-        "d-optimal" if criterion.name == "d-optimal" else f"condition number with power {criterion.power:g}"
-    )
-
-
-def _get_objective(run: OptimisationRun, options: ExcitationOptions) -> float:
-    return run.value if options.criterion == "d-optimal" else run.condition
 
 
 def _enforce_limits(

@@ -8,6 +8,13 @@ that of the search.
     subject to  -1 <= R z + c <= 1   (position, velocity, acceleration, jerk)
                 v(states(z)) <= 1 - tightening   (torque, torsion, workspace)
 
+A trigonometric polynomial p of degree h sampled at M > 2 h equal steps of its period satisfies
+
+    max_t |p(t)| <= max_i |p(t_i)| / cos(pi h / M)
+
+(Ehlich and Zeller 1964), and max |dp/dt| <= h w max |p| (Bernstein). The first makes limits on the grid
+hold between its points; the second finds the limits that can never be reached, whose rows are left out.
+
 A has sines and cosines of several times the highest harmonic: with 20 samples per harmonic, sums over the
 samples agree with integrals over the period to 1e-6. The search looks at a coarse grid and at friction
 with a slope; its figures compare series. Those that are stated come from the fine grid, with friction as
@@ -33,7 +40,6 @@ from symid.excitation.limits import (
     StateLimitOptions,
     StateLimits,
     StateValues,
-    build_limit_rows,
     build_state_limits,
     compute_coefficient_scales,
     get_motion_limits,
@@ -47,10 +53,13 @@ from symid.excitation.observation import (
     compute_information,
     smooth_friction,
 )
+from symid.ipopt import Constraints
 from symid.robot import Robot
 
 _GRAM_SAMPLES = 20
 """Samples of the observation matrix per harmonic."""
+_FIGURE_SAMPLES = 400
+"""The same for the figures that are stated."""
 _FINE, _COARSE = 20, 8
 """Grid points per harmonic: limits of motion lose 1.2 and 7.6 % between them."""
 
@@ -67,6 +76,43 @@ class ProblemOptions:
     limits: LimitOptions = field(default_factory=LimitOptions)
     loads: StateLimitOptions = field(default_factory=StateLimitOptions)
     deviations: tuple[float, ...] | None = None
+
+
+def build_limit_rows(space: SeriesSpace, limits: MotionLimits, density: int) -> tuple[FloatArray, FloatArray]:
+    """Return rows R (m, n r), constants c (m,): a series with |R z + c| <= 1 keeps its limits at all times.
+
+    Args:
+        space: of the series.
+        limits: of the joints.
+        density: grid points per harmonic, 3 at least; with 20 of them the limits lose 1.2 % between.
+    """
+    points = density * space.harmonics
+    sure = limits.share * math.cos(math.pi * space.harmonics / points)
+    basis = build_grid_basis(space, points, 4)
+    fastest = 2.0 * math.pi * space.harmonics / space.period
+    rows, constants = [], []
+    for joint in range(space.size):
+        offset = space.offset[joint].copy()
+        offset[0] -= limits.centre[joint]
+        kept = _list_active_orders(limits.share * limits.bounds[:, joint], fastest)
+        bounds = sure * limits.bounds[kept, joint]
+        full = basis[kept] / bounds[:, None, None]
+        block = np.zeros((full.shape[0] * full.shape[1], *space.shape))
+        block[:, joint] = (full @ space.maps[joint]).reshape(len(block), -1)
+        rows.append(block.reshape(len(block), -1))
+        constants.append((full @ offset).reshape(-1))
+    return np.concatenate(rows), np.concatenate(constants)
+
+
+def _list_active_orders(bounds: FloatArray, fastest: float) -> list[int]:
+    """Return the orders of derivative whose limit does not follow from that of a lower one."""
+    kept, reach = [], math.inf
+    for order, bound in enumerate(bounds.tolist()):
+        if bound < reach:
+            kept.append(order)
+            reach = bound
+        reach *= fastest
+    return kept
 
 
 @final
@@ -88,14 +134,7 @@ class ExcitationProblem:
         checks = density * space.harmonics
         self._check_basis = build_grid_basis(space, checks, 3)
         self._values = StateValues(state_limits, checks, space.size)
-        found = build_limit_rows(space, limits, density)
-        joints, unknowns = space.shape
-        self.rows = np.zeros((sum(map(len, found.rows)), joints * unknowns))
-        start = 0
-        for joint, rows in enumerate(found.rows):
-            self.rows[start : start + len(rows), joint * unknowns : (joint + 1) * unknowns] = rows
-            start += len(rows)
-        self.constants = np.concatenate(found.constants)
+        self.rows, self.constants = build_limit_rows(space, limits, density)
         self._both = np.array(state_limits.both, dtype=bool)
 
     @property
@@ -106,6 +145,12 @@ class ExcitationProblem:
     def build_coarse(self) -> "ExcitationProblem":
         """Return the same problem with limits on a coarse grid: quicker, and within the same limits."""
         return ExcitationProblem(self.space, self.limits, self.observation, self.state_limits, _COARSE)
+
+    def build_stated(self, robot: Robot) -> "ExcitationProblem":
+        """Return the problem whose figures are those to state: many samples, friction as the robot's is."""
+        samples = _FIGURE_SAMPLES * self.space.harmonics
+        observation = Observation(build_columns(robot), samples, self.observation.weights)
+        return ExcitationProblem(self.space, self.limits, observation, self.state_limits, _COARSE)
 
     def find_gram(self, unknowns: FloatArray) -> FloatArray:
         """Return G (b, b) of z (n r,)."""
@@ -128,40 +173,40 @@ class ExcitationProblem:
         value, slope = compute_criterion(matrix.T @ matrix / samples, criterion)
         # The states stand in the observation already; the sweep needs the factors alone.
         by_state = self.observation.find_slope((2.0 / samples) * matrix @ slope)
-        return value, self._pull(by_state, self.basis)
+        by_coefficient = np.einsum("kic,kij->jc", self.basis, by_state, optimize=True)
+        return value, np.einsum("jc,jcr->jr", by_coefficient, self.space.maps).ravel()
 
     @property
     def points(self) -> int:
         """Return at how many points of the period v is limited."""
         return self._values.samples
 
-    def find_constraints(self, unknowns: FloatArray, watched: Mask) -> FloatArray:
-        """Return the linear constraints, then the watched ones of v: (m,)."""
-        linear: FloatArray = self.rows @ unknowns + self.constants
-        return (
-            np.concatenate([linear, self.find_state_values(unknowns)[watched]]) if watched.any() else linear
+    def build_constraints(self, tightening: FloatArray, watched: Mask) -> Constraints:
+        """Return the linear constraints, then the watched ones of v, tightened by `tightening` (v,)."""
+        point, kind = np.nonzero(watched)
+
+        def find_values(unknowns: FloatArray) -> FloatArray:
+            linear: FloatArray = self.rows @ unknowns + self.constants
+            return (
+                np.concatenate([linear, self.find_state_values(unknowns)[watched]]) if len(kind) else linear
+            )
+
+        def find_jacobian(unknowns: FloatArray) -> FloatArray:
+            if not len(kind):
+                return self.rows
+            slopes = self._values.find_slopes(self._find_states(unknowns, self._check_basis))
+            by_coefficient = np.einsum("ekj,kec->ejc", slopes[watched], self._check_basis[:, point])
+            by_unknown = np.einsum("ejc,jcr->ejr", by_coefficient, self.space.maps)
+            return np.concatenate([self.rows, by_unknown.reshape(-1, self.size)])
+
+        linear, upper = np.ones(len(self.rows)), 1.0 - tightening[kind]
+        return Constraints(
+            value=find_values,
+            jacobian=find_jacobian,
+            pattern=np.concatenate([self.rows != 0.0, np.ones((len(kind), self.size), dtype=bool)]),
+            lower=np.concatenate([-linear, np.where(self._both[kind], -upper, -np.inf)]),
+            upper=np.concatenate([linear, upper]),
         )
-
-    def find_jacobian(self, unknowns: FloatArray, watched: Mask) -> FloatArray:
-        """Return the derivatives (m, n r) of the constraints."""
-        if not watched.any():
-            return self.rows
-        slopes = self._values.find_slopes(self._find_states(unknowns, self._check_basis))
-        point = np.nonzero(watched)[0]
-        by_coefficient = np.einsum("ekj,kec->ejc", slopes[watched], self._check_basis[:, point])
-        by_unknown = np.einsum("ejc,jcr->ejr", by_coefficient, self.space.maps)
-        return np.concatenate([self.rows, by_unknown.reshape(-1, self.size)])
-
-    def find_bounds(self, tightening: FloatArray, watched: Mask) -> tuple[FloatArray, FloatArray]:
-        """Return lower and upper bounds of the constraints; `tightening` (v,) is taken off each v's own."""
-        linear, kind = np.ones(len(self.rows)), np.nonzero(watched)[1]
-        upper = 1.0 - tightening[kind]
-        lower = np.where(self._both[kind], -upper, -np.inf)
-        return np.concatenate([-linear, lower]), np.concatenate([linear, upper])
-
-    def find_pattern(self, watched: Mask) -> Mask:
-        """Return where the Jacobian may differ from zero."""
-        return np.concatenate([self.rows != 0.0, np.ones((int(watched.sum()), self.size), dtype=bool)])
 
     def find_state_values(self, unknowns: FloatArray) -> FloatArray:
         """Return v (points, v) of torque, torsion and space."""
@@ -181,12 +226,6 @@ class ExcitationProblem:
 
     def _find_states(self, unknowns: FloatArray, basis: FloatArray) -> FloatArray:
         return self.space.find_states(unknowns.reshape(self.space.shape), basis)
-
-    def _pull(self, by_state: FloatArray, basis: FloatArray) -> FloatArray:
-        """Return derivatives (n r,) by the unknowns from those by the states (3, N, n)."""
-        by_coefficient = np.einsum("kic,kij->jc", basis, by_state, optimize=True)
-        by_unknown: FloatArray = np.einsum("jc,jcr->jr", by_coefficient, self.space.maps).ravel()
-        return by_unknown
 
 
 def build_problem(robot: Robot, options: ProblemOptions | None = None) -> ExcitationProblem:
@@ -320,28 +359,3 @@ def _compute_state_margins(problem: ExcitationProblem, peaks: FloatArray) -> lis
                 Margin(kind=kind, name=name, value=peak * limit, limit=limit / share, allowed=share)
             )
     return margins
-
-
-_FIGURE_SAMPLES = 400
-"""Per harmonic."""
-
-
-@final
-class FineObservation:
-    """The fine observation matrix of the series of a problem."""
-
-    __slots__ = ("_basis", "_observation", "_space")
-
-    def __init__(self, robot: Robot, problem: ExcitationProblem) -> None:
-        """Build the columns of the robot."""
-        self._space = problem.space
-        samples = _FIGURE_SAMPLES * problem.space.harmonics
-        self._basis = build_grid_basis(problem.space, samples, 3)
-        self._observation = Observation(build_columns(robot), samples, problem.observation.weights)
-
-    def find_figures(self, unknowns: FloatArray) -> tuple[float, float]:
-        """Return condition number and mean logarithm of information at unknowns (n r,)."""
-        states = self._space.find_states(np.reshape(unknowns, self._space.shape), self._basis)
-        matrix = self._observation.find_matrix(states)
-        gram: FloatArray = matrix.T @ matrix / self._observation.samples
-        return compute_condition(gram), compute_information(gram)

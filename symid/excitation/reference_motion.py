@@ -16,18 +16,15 @@ between them.
 import csv
 import io
 import math
-import os
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
-from symid.environment import check_suffix
-from symid.errors import LogError, Notice, OutputError, UsageError
+from symid.arrays import FloatArray, FrozenArrays
+from symid.environment import check_suffix, write_file
+from symid.errors import LogError, Notice, UsageError
 from symid.excitation.trajectories import (
     FourierOptions,
     Trajectory,
@@ -51,35 +48,8 @@ _HERMITE = np.array(
 )
 
 
-class ReferenceMotion(Protocol):
-    """A trajectory of all joints, however it is given."""
-
-    @property
-    def size(self) -> int:
-        """Return the number of joints."""
-        ...
-
-    @property
-    def duration(self) -> float:
-        """Return how long it is meant to run, s."""
-        ...
-
-    @property
-    def source(self) -> str:
-        """Return where it comes from, in words."""
-        ...
-
-    def evaluate(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return q, dq, ddq, each (N, n) in rad or m, /s, /s^2, at `times` (N,) in s."""
-        ...
-
-    def evaluate_derivatives(self, times: FloatArray, order: int) -> tuple[FloatArray, ...]:
-        """Return q and its time derivatives up to `order`, each (N, n)."""
-        ...
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SampledMotion:
+class SampledMotion(FrozenArrays):
     """A motion given by its states.
 
     Args:
@@ -92,11 +62,6 @@ class SampledMotion:
     velocity: FloatArray
     acceleration: FloatArray
     source: str
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("time", "position", "velocity", "acceleration"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
 
     @property
     def size(self) -> int:
@@ -146,6 +111,10 @@ class SampledMotion:
         return tuple(found)
 
 
+ReferenceMotion = Trajectory | SampledMotion
+"""A trajectory of all joints, however it is given."""
+
+
 def _evaluate_hermite(k: int, derivative: int, s: FloatArray) -> FloatArray:
     """Return the derivative of H_k by s."""
     shape = np.polynomial.Polynomial(_HERMITE[k])
@@ -182,7 +151,6 @@ def truncate_motion(motion: SampledMotion, duration: float) -> SampledMotion:
 _QUANTITIES = ("q", "dq", "ddq")
 _FEWEST = 8
 """Samples below which a file is a list of waypoints."""
-_MODE = 0o644
 
 
 def write_trajectory(
@@ -224,30 +192,8 @@ def write_trajectory(
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(headings)
     writer.writerows([repr(value) for value in row] for row in table.tolist())
-    _replace_file(path, text.getvalue())
+    write_file(path, text.getvalue(), what="the trajectory")
     return len(times)
-
-
-def _replace_file(path: Path, text: str) -> None:
-    try:
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8", newline="") as stream:
-                stream.write(text)
-            Path(temporary).chmod(_MODE & ~_read_umask())
-            Path(temporary).replace(path)
-        except BaseException:
-            Path(temporary).unlink(missing_ok=True)
-            raise
-    except OSError as error:
-        text = f"the trajectory cannot be written: {error.strerror or error}"
-        raise OutputError(Notice(code="output.unwritable", text=text, file=str(path))) from error
-
-
-def _read_umask() -> int:
-    mask = os.umask(0o077)
-    os.umask(mask)
-    return mask
 
 
 def read_trajectory(path: Path, robot: Robot) -> SampledMotion:
@@ -270,7 +216,10 @@ def read_trajectory(path: Path, robot: Robot) -> SampledMotion:
         raise LogError(*notices)
     start = time - time[0]
     if velocity is None or acceleration is None:
-        velocity, acceleration = _differentiate(start, position)
+        from scipy.interpolate import make_interp_spline
+
+        spline = make_interp_spline(start, position, k=5)
+        velocity, acceleration = (np.asarray(spline(start, k), dtype=np.float64) for k in (1, 2))
     return SampledMotion(
         time=start,
         position=position,
@@ -331,14 +280,6 @@ def _read_column(raw: RawLog, name: str, robot: Robot, problems: list[str]) -> F
     return factor * values
 
 
-def _differentiate(time: FloatArray, position: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return velocity and acceleration of the spline of fifth degree through the positions."""
-    from scipy.interpolate import make_interp_spline
-
-    spline = make_interp_spline(time, position, k=5)
-    return np.asarray(spline(time, 1), dtype=np.float64), np.asarray(spline(time, 2), dtype=np.float64)
-
-
 TRAJECTORY_NAMES = ("fourier", "ta", "tb", "tc")
 _TA_JOINTS = 2
 
@@ -375,9 +316,15 @@ def build_motion(
     if isinstance(given, Trajectory):
         scaled = scale_trajectory(given, scale)
         return scaled if duration is None else replace(scaled, duration=duration)
-    motion = scale_samples(
-        given if isinstance(given, SampledMotion) else _read_motion(Path(given), robot), scale
-    )
+    if isinstance(given, str):
+        path = Path(given)
+        if not path.is_file():
+            known = ", ".join(TRAJECTORY_NAMES)
+            text = f"--trajectory {path}: neither one of {known} nor a file; symid excite writes one"
+            raise UsageError(Notice(code="usage.trajectory", text=text))
+        motion = scale_samples(read_trajectory(path, robot), scale)
+    else:
+        motion = scale_samples(given, scale)
     if duration is None:
         return motion
     if duration > motion.duration:
@@ -385,14 +332,6 @@ def build_motion(
         file = given if isinstance(given, str) else ""
         raise UsageError(Notice(code="usage.trajectory", text=text, file=file))
     return truncate_motion(motion, duration)
-
-
-def _read_motion(path: Path, robot: Robot) -> SampledMotion:
-    if not path.is_file():
-        known = ", ".join(TRAJECTORY_NAMES)
-        text = f"--trajectory {path}: neither one of {known} nor a file; symid excite writes one"
-        raise UsageError(Notice(code="usage.trajectory", text=text))
-    return read_trajectory(path, robot)
 
 
 def build_trajectory(
@@ -409,21 +348,17 @@ def build_trajectory(
     Raises:
         UsageError: "ta" is for another number of joints, or "tb" for a joint that is not there.
     """
-    return scale_trajectory(_build_unscaled(robot, name, rng, duration=duration, joint=joint), scale)
-
-
-def _build_unscaled(
-    robot: Robot, name: str, rng: np.random.Generator, *, duration: float | None, joint: int
-) -> Trajectory:
+    length = {} if duration is None else {"duration": duration}
     if name == "fourier":
         options = FourierOptions() if duration is None else FourierOptions(duration=duration)
-        return build_random_fourier(robot, rng, options)
-    length = {} if duration is None else {"duration": duration}
-    if name == "tb":
-        return build_tb(joint - 1, size=robot.freedom, **length)
-    if name == "tc":
-        return build_tc(size=robot.freedom, **length)
-    if robot.freedom != _TA_JOINTS:
+        found = build_random_fourier(robot, rng, options)
+    elif name == "tb":
+        found = build_tb(joint - 1, size=robot.freedom, **length)
+    elif name == "tc":
+        found = build_tc(size=robot.freedom, **length)
+    elif robot.freedom == _TA_JOINTS:
+        found = build_ta(**length)
+    else:
         text = f"trajectory ta moves {_TA_JOINTS} joints, {robot.name} has {robot.freedom}; use fourier"
         raise UsageError(Notice(code="usage.trajectory", text=text))
-    return build_ta(**length)
+    return scale_trajectory(found, scale)

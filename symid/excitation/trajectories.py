@@ -8,28 +8,20 @@ ddq at any times, `evaluate_derivatives` as many as wanted.
 with the ramp r(t) = 10 s^3 - 15 s^4 + 6 s^5, s = min(t / ramp, 1): value, slope and curvature are zero at
 t = 0, so every trajectory starts at c_j at rest. Its third derivative jumps at both ends of the ramp.
 
-Cosines of one joint, the others held, are what friction is measured with:
-
-    q(t) = qc + A cos(w t),  dq = -A w sin(w t),  ddq = -A w^2 cos(w t)
-
-A slow and a fast one belong together: the slow one, its peak about three Stribeck velocities, shows how
-dry friction falls; the fast one shows viscous friction. CosineMotion has exact states over any number of
-periods.
-
 Supported: finite Fourier series, random ones within limits, the trajectories of the papers (Zhang et al.
-2023), at any scale; cosines of one joint, several one after the other.
+2023), at any scale.
 Not supported: trajectories optimised for information (see `optimise`), point-to-point motions.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import Notice, UsageError
-from symid.robot import Joint, JointKind, Robot
+from symid.excitation.limits import LimitOptions, get_motion_limits
+from symid.robot import Robot
 
 _TA_DURATION = 20.0
 _TB_DURATION = 50.0
@@ -39,7 +31,7 @@ _LIMIT_SHARE = 0.9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Trajectory:
+class Trajectory(FrozenArrays):
     """A sum of sines per joint under a linear decay, ramped in from rest.
 
     Args:
@@ -57,11 +49,6 @@ class Trajectory:
     ramp: float
     duration: float
     source: str
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("centre", "amplitude", "frequency", "phase", "decay"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
 
     @property
     def size(self) -> int:
@@ -102,17 +89,16 @@ class Trajectory:
 class FourierOptions:
     """How a random trajectory is made.
 
-    `sweep` (rad or m, either side of the centre), `speed` and `acceleration` hold for joints whose
-    robot file states no limit; `base_frequency` in Hz.
+    Args:
+        harmonics: of each joint.
+        base_frequency: Hz.
+        duration, ramp: s.
     """
 
     harmonics: int = 5
     base_frequency: float = 0.1
     duration: float = 20.0
     ramp: float = 2.0
-    sweep: float = 1.0
-    speed: float = 2.0
-    acceleration: float = 10.0
 
 
 def build_fourier(
@@ -161,7 +147,8 @@ def build_random_fourier(
 ) -> Trajectory:
     """Return a random Fourier series that keeps the robot's limits, as large as they allow.
 
-    Positions, velocities and accelerations are looked at on a grid of 50 points per shortest period.
+    Positions, velocities and accelerations are looked at on a grid of 50 points per shortest period. What the
+    robot file states of position and velocity holds; other limits are those of `LimitOptions`.
     """
     options = options or FourierOptions()
     shape = (robot.freedom, options.harmonics)
@@ -175,16 +162,16 @@ def build_random_fourier(
         duration=options.duration,
         ramp=options.ramp,
     )
-    bounds = [_get_bounds(joint, options) for joint in robot.axes]
-    scale = _compute_scale(draft, np.array([bound[1:] for bound in bounds]), options)
-    return Trajectory(
-        centre=np.array([bound[0] for bound in bounds]),
+    limits, fallback = get_motion_limits(robot), LimitOptions()
+    steps = math.ceil(50 * options.duration * options.harmonics * options.base_frequency) + 2
+    states = draft.evaluate(np.linspace(0.0, options.duration, steps))
+    peaks = np.array([np.abs(state).max(axis=0) for state in states])
+    bounds = np.array([limits.half, limits.velocity, np.full(robot.freedom, fallback.acceleration)])
+    scale = _LIMIT_SHARE * np.min(bounds / np.maximum(peaks, np.finfo(np.float64).tiny), axis=0)
+    return replace(
+        draft,
+        centre=limits.centre,
         amplitude=draft.amplitude * scale[:, None],
-        frequency=draft.frequency,
-        phase=draft.phase,
-        decay=draft.decay,
-        ramp=draft.ramp,
-        duration=draft.duration,
         source=f"random {draft.source}, scaled to the limits",
     )
 
@@ -291,173 +278,3 @@ def _evaluate_sines(trajectory: Trajectory, t: FloatArray, order: int) -> FloatA
     sign = -1.0 if order % 4 in {2, 3} else 1.0
     total: FloatArray = (sign * a * w**order * wave).sum(axis=2)
     return total
-
-
-def _get_bounds(joint: Joint, options: FourierOptions) -> tuple[float, float, float, float]:
-    """Return centre, sweep, speed and acceleration that a joint may use."""
-    limits = joint.limits
-    centre, sweep = 0.0, options.sweep
-    if limits.position is not None:
-        low, high = limits.position
-        centre, sweep = 0.5 * (low + high), 0.5 * (high - low)
-        if joint.kind is JointKind.REVOLUTE:
-            # A cable-bound axis may turn several times; an experiment need not.
-            sweep = min(sweep, math.pi)
-    speed = options.speed if limits.velocity is None else limits.velocity
-    return centre, sweep, speed, options.acceleration
-
-
-def _compute_scale(draft: Trajectory, bounds: FloatArray, options: FourierOptions) -> FloatArray:
-    steps = math.ceil(50 * options.duration * options.harmonics * options.base_frequency) + 2
-    states = draft.evaluate(np.linspace(0.0, options.duration, steps))
-    peaks = np.stack([np.abs(state).max(axis=0) for state in states], axis=1)
-    scale: FloatArray = _LIMIT_SHARE * np.min(bounds / np.maximum(peaks, np.finfo(np.float64).tiny), axis=1)
-    return scale
-
-
-SLOW_PEAK = 0.1
-"""Peak velocity of a slow cosine in rad/s or m/s, unless another is asked for: three times a common vs."""
-FAST_PEAK = 1.0
-"""Peak velocity of a fast cosine in rad/s or m/s, unless another is asked for."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CosineMotion:
-    """States of one joint.
-
-    Args:
-        time: (N,) s, from zero in equal steps.
-        position, velocity, acceleration: (N,) rad or m, /s, /s^2.
-        period: s, of the cosine; 0 where several motions were joined.
-    """
-
-    time: FloatArray
-    position: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
-    period: float
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("time", "position", "velocity", "acceleration"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
-
-
-def build_cosine(
-    *, amplitude: float, omega: float, centre: float = 0.0, periods: float = 5.0, rate: float = 1000.0
-) -> CosineMotion:
-    """Return qc + A cos(w t) over `periods` periods, its last sample a step before their end.
-
-    Args:
-        amplitude: A > 0 in rad or m.
-        omega: w > 0 in rad/s.
-        centre: qc in rad or m.
-        periods: how many, not necessarily a whole number.
-        rate: samples a second in Hz.
-
-    Raises:
-        UsageError: a value is not positive and finite, or not one sample fits.
-    """
-    _check_positive(amplitude=amplitude, omega=omega, periods=periods, rate=rate)
-    period = 2.0 * math.pi / omega
-    count = round(periods * period * rate)
-    if count < 1 or not math.isfinite(centre):
-        text = f"{periods:g} periods of {period:.4g} s about {centre:g} hold no sample at {rate:g} Hz"
-        raise UsageError(Notice(code="usage.cosine", text=text))
-    time = np.arange(count) / rate
-    angle = omega * time
-    return CosineMotion(
-        time=time,
-        position=centre + amplitude * np.cos(angle),
-        velocity=-amplitude * omega * np.sin(angle),
-        acceleration=-amplitude * omega**2 * np.cos(angle),
-        period=period,
-    )
-
-
-def build_peak_cosine(
-    *, peak: float, amplitude: float, centre: float = 0.0, periods: float = 5.0, samples: int = 1000
-) -> CosineMotion:
-    """Return the cosine whose velocity reaches `peak` (rad/s or m/s), as `samples` samples in all.
-
-    Raises:
-        UsageError: a value is not positive and finite.
-    """
-    _check_positive(peak=peak, amplitude=amplitude, periods=periods, samples=samples)
-    omega = peak / amplitude
-    rate = samples * omega / (2.0 * math.pi * periods)
-    return build_cosine(amplitude=amplitude, omega=omega, centre=centre, periods=periods, rate=rate)
-
-
-def join_motions(motions: Sequence[CosineMotion]) -> CosineMotion:
-    """Return motions one after the other as one set of samples; the joint jumps between them.
-
-    Raises:
-        UsageError: there is none.
-    """
-    if not motions:
-        raise UsageError(Notice(code="usage.cosine", text="no cosine motion was given: name at least one"))
-    if len(motions) == 1:
-        return motions[0]
-    starts, end = [], 0.0
-    for motion in motions:
-        starts.append(end + motion.time)
-        step = motion.time[-1] / max(1, len(motion.time) - 1)
-        end = float(starts[-1][-1] + step)
-    return CosineMotion(
-        time=np.concatenate(starts),
-        position=np.concatenate([motion.position for motion in motions]),
-        velocity=np.concatenate([motion.velocity for motion in motions]),
-        acceleration=np.concatenate([motion.acceleration for motion in motions]),
-        period=0.0,
-    )
-
-
-def build_cosine_trajectory(
-    *,
-    joint: int,
-    amplitude: float,
-    omega: float,
-    pose: Sequence[float],
-    periods: float = 5.0,
-    ramp: float | None = None,
-) -> Trajectory:
-    """Return the cosine of one joint of a robot whose others stay at `pose`, exact after the ramp.
-
-    Args:
-        joint: which one moves, counted from 0.
-        amplitude: A > 0 in rad or m.
-        omega: w > 0 in rad/s.
-        pose: (n,) rad or m; that of the moving joint is the centre of its motion.
-        periods: how many, the ramp not counted.
-        ramp: how long the motion takes to reach its amplitude, in s; None for a quarter of a period.
-
-    Raises:
-        UsageError: there is no such joint, or a value is not positive and finite.
-    """
-    _check_positive(amplitude=amplitude, omega=omega, periods=periods)
-    centre = np.asarray(pose, dtype=np.float64)
-    if not 0 <= joint < len(centre):
-        text = f"there is no joint {joint + 1}; the robot has {len(centre)}"
-        raise UsageError(Notice(code="usage.unknown-joint", text=text))
-    period = 2.0 * math.pi / omega
-    ramp = 0.25 * period if ramp is None else ramp
-    amplitudes = np.zeros((len(centre), 1))
-    amplitudes[joint] = amplitude
-    return Trajectory(
-        centre=centre,
-        amplitude=amplitudes,
-        frequency=np.full((len(centre), 1), omega),
-        phase=np.full((len(centre), 1), 0.5 * math.pi),
-        decay=np.zeros(len(centre)),
-        ramp=ramp,
-        duration=ramp + periods * period,
-        source=f"cosine of joint {joint + 1}, peak velocity {amplitude * omega:.3g}, period {period:.4g} s",
-    )
-
-
-def _check_positive(**values: float) -> None:
-    wrong = [f"{name} {value:g}" for name, value in values.items() if not 0.0 < value < math.inf]
-    if wrong:
-        text = f"a cosine motion needs positive, finite numbers; got {', '.join(wrong)}"
-        raise UsageError(Notice(code="usage.cosine", text=text))

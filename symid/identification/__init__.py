@@ -14,25 +14,15 @@ if TYPE_CHECKING:
         compare_with_table as compare_with_table,
         is_table as is_table,
     )
-    from symid.identification.draft import (
-        Draft as Draft,
-        DraftOrder as DraftOrder,
-        draft_robot as draft_robot,
-    )
     from symid.identification.export import (
         FileExport as FileExport,
-        WrittenFriction as WrittenFriction,
         check_format as check_format,
         write_friction as write_friction,
         write_identified as write_identified,
         write_stated as write_stated,
     )
     from symid.identification.identified import (
-        GivenResult as GivenResult,
         build_identified as build_identified,
-        is_friction as is_friction,
-        read_dynamics as read_dynamics,
-        read_result as read_result,
     )
     from symid.identification.identify import (
         FrictionRequest as FrictionRequest,
@@ -42,15 +32,18 @@ if TYPE_CHECKING:
         identify_robot_friction as identify_robot_friction,
         identify_stiffness as identify_stiffness,
     )
-    from symid.identification.installation import (
-        InstallationFinding as InstallationFinding,
-        check_installation as check_installation,
-    )
     from symid.identification.payload import (
         GivenSide as GivenSide,
         PayloadFinding as PayloadFinding,
         PayloadTask as PayloadTask,
         identify_payload as identify_payload,
+    )
+    from symid.identification.stored import (
+        GivenResult as GivenResult,
+        read_dynamics as read_dynamics,
+        read_fit as read_fit,
+        read_result as read_result,
+        write_fit as write_fit,
     )
     from symid.identification.validate import (
         AnyValidation as AnyValidation,
@@ -61,9 +54,7 @@ if TYPE_CHECKING:
         TrackingTask as TrackingTask,
         build_tracking_task as build_tracking_task,
         diagnose_fit as diagnose_fit,
-        validate_elastic as validate_elastic,
-        validate_friction_result as validate_friction_result,
-        validate_rigid as validate_rigid,
+        validate_fit as validate_fit,
     )
 else:
     from symid.lazy import load_names

@@ -347,7 +347,6 @@ def compare_with_table(
 
 
 def _read_row(ours: EstimateSide, text: str) -> tuple[Expr, ...]:
-
     found = ours.identified
     return express_group(found.base, read_group(text, found.robot, found.base), repr(text))
 

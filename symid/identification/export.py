@@ -14,18 +14,17 @@ from pathlib import Path
 
 from symid.codegen import build_library_prefix, build_model_card, clean_text
 from symid.dynamics import BaseParameters, StandardSet, build_grouping, derive_base_parameters
+from symid.environment import write_file
 from symid.errors import EstimateError, Notice, RobotError, UsageError
 from symid.identification.elastic import build_rigid_variant
-from symid.identification.estimators import ParameterEstimate
+from symid.identification.estimators import ParameterEstimate, check_model
 from symid.identification.friction import (
     FrictionIdentification,
     build_robot_friction,
-    check_friction_model,
     describe_obstacle,
     set_identified_friction,
 )
 from symid.identification.identified import Identified, build_robot, list_warnings
-from symid.identification.rigid import write_file
 from symid.robot import (
     PRECISIONS,
     FrictionValues,
@@ -205,7 +204,9 @@ def write_identified(found: Identified, source: Path, path: Path, *, precision: 
         found=found.values,
         precision=precision,
     )
-    write_file(path, _write_readable(content, suffix, source))
+    text = _WRITERS[suffix](content)
+    _read_back(text, suffix, source)
+    write_file(path, text)
     left_out = _list_omissions(robot, suffix)
     return FileExport(
         file=path,
@@ -234,23 +235,19 @@ def _check_values(robot: Robot, base: BaseParameters) -> None:
         raise RobotError(Notice(code="export.no-values", text=text, file=robot.path))
 
 
-def _write_readable(content: _Content, suffix: str, source: Path) -> str:
-    """Return the text of the file, which can be read where symid reads such files.
+def _read_back(text: str, suffix: str, source: Path) -> tuple[Notice, ...]:
+    """Return what reading the text of a new file says; only robot files and URDF are read.
 
     Raises:
         EstimateError: its values are none that such a file can have.
     """
-    text = _WRITERS[suffix](content)
+    readers: dict[str, Callable[[str], Robot]] = {".toml": parse_robot, ".urdf": parse_urdf}
     try:
-        if suffix == ".toml":
-            parse_robot(text)
-        elif suffix == ".urdf":
-            parse_urdf(text)
+        return readers[suffix](text).notices if suffix in readers else ()
     except RobotError as error:
         reasons = "; ".join(notice.text for notice in error.notices)
         said = f"no {KINDS[suffix]} can have these values: {reasons}; identify from logs that tell more"
         raise EstimateError(Notice(code="export.impossible", text=said, file=str(source))) from error
-    return text
 
 
 def _warn_of_omissions(left_out: Sequence[str], output: Path) -> tuple[Notice, ...]:
@@ -261,10 +258,6 @@ def _warn_of_omissions(left_out: Sequence[str], output: Path) -> tuple[Notice, .
     return (Notice(code="export.left-out", text=text, file=str(output)),)
 
 
-def _write_toml(content: _Content) -> str:
-    return write_robot(content.robot, comment=content.comment)
-
-
 def _write_urdf(content: _Content) -> str:
     """Return the robot's own file with other values where it is a URDF, else a new one."""
     path = Path(content.robot.path)
@@ -273,10 +266,6 @@ def _write_urdf(content: _Content) -> str:
     if content.robot.path and is_urdf(path) and not cut:
         return rewrite_urdf(read_text_file(path), content.robot, comments=(content.comment,))
     return write_urdf(content.robot, comments=(content.comment,))
-
-
-def _write_mjcf(content: _Content) -> str:
-    return write_mjcf(content.robot, comments=(content.comment,))
 
 
 def _write_header(content: _Content) -> str:
@@ -292,10 +281,10 @@ def _write_values(content: _Content) -> str:
 
 
 _WRITERS: dict[str, Callable[[_Content], str]] = {
-    ".toml": _write_toml,
+    ".toml": lambda content: write_robot(content.robot, comment=content.comment),
     ".urdf": _write_urdf,
-    ".xml": _write_mjcf,
-    ".mjcf": _write_mjcf,
+    ".xml": lambda content: write_mjcf(content.robot, comments=(content.comment,)),
+    ".mjcf": lambda content: write_mjcf(content.robot, comments=(content.comment,)),
     ".h": _write_header,
     ".json": _write_values,
 }
@@ -341,9 +330,9 @@ def _get_std(found: ParameterEstimate | None) -> float | None:
 def _list_omissions(robot: Robot, suffix: str) -> tuple[str, ...]:
     """Return what the format has no words for."""
     if suffix == ".urdf":
-        return list_urdf_omissions(robot)
+        return tuple(list_urdf_omissions(robot))
     if KINDS[suffix] == "MJCF model":
-        return list_mjcf_omissions(robot)
+        return tuple(list_mjcf_omissions(robot))
     return ()
 
 
@@ -364,16 +353,20 @@ def write_friction(robot: Robot, found: FrictionIdentification, source: Path, pa
         OutputError: the file cannot be written.
     """
     check_format(path, friction=True)
-    _check_model(found, robot, source)
+    variant = set_identified_friction(build_rigid_variant(robot), found)
+    check_model(found, build_model_card(variant, derive_base_parameters(variant), ()), str(source))
+    logs = ", ".join(Path(entry).name for entry in found.sources)
+    before = f"; before: {robot.source}" if robot.source else ""
     written, kept = _select_written(found, robot)
     changed = replace(
         robot,
         joints=tuple(
             replace(joint, friction=written.get(joint.name, joint.friction)) for joint in robot.joints
         ),
-        source=_name_source(found, robot),
+        source=f"Friction identified from {logs}{before}",
     )
-    text, read = _write_friction_file(changed, found, source)
+    text = write_robot(changed, comment=f"{robot.name} with friction identified from {logs}.")
+    said = _read_back(text, ".toml", source)
     write_file(path, text)
     laws = {entry.joint: entry.estimate.law for entry in found.joints}
     return FileExport(
@@ -382,7 +375,7 @@ def write_friction(robot: Robot, found: FrictionIdentification, source: Path, pa
         outcome="friction",
         friction=WrittenFriction(laws=laws, values=written, kept=kept),
         notices=(
-            *(replace(notice, file=str(path)) for notice in read.notices),
+            *(replace(notice, file=str(path)) for notice in said),
             *(
                 Notice(
                     code="export.friction-kept",
@@ -394,16 +387,6 @@ def write_friction(robot: Robot, found: FrictionIdentification, source: Path, pa
             *_warn_of_springs(robot, source),
         ),
     )
-
-
-def _check_model(found: FrictionIdentification, robot: Robot, source: Path) -> None:
-    """Check that friction was identified with this robot.
-
-    Raises:
-        EstimateError: with another one.
-    """
-    variant = set_identified_friction(build_rigid_variant(robot), found)
-    check_friction_model(found, build_model_card(variant, derive_base_parameters(variant), ()), str(source))
 
 
 def _select_written(
@@ -419,30 +402,6 @@ def _select_written(
             written[entry.joint] = build_robot_friction(entry)
     order = [joint.name for joint in robot.axes]
     return written, {name: kept[name] for name in order if name in kept}
-
-
-def _name_source(found: FrictionIdentification, robot: Robot) -> str:
-    before = f"; before: {robot.source}" if robot.source else ""
-    return f"Friction identified from {_list_logs(found)}{before}"
-
-
-def _list_logs(found: FrictionIdentification) -> str:
-    return ", ".join(Path(source).name for source in found.sources)
-
-
-def _write_friction_file(robot: Robot, found: FrictionIdentification, source: Path) -> tuple[str, Robot]:
-    """Return the text of the robot file, and the robot that it is read as.
-
-    Raises:
-        EstimateError: its values are none that a robot file can have.
-    """
-    text = write_robot(robot, comment=f"{robot.name} with friction identified from {_list_logs(found)}.")
-    try:
-        return text, parse_robot(text)
-    except RobotError as error:
-        reasons = "; ".join(notice.text for notice in error.notices)
-        said = f"no robot file can have these values: {reasons}; identify from logs that tell more"
-        raise EstimateError(Notice(code="export.impossible", text=said, file=str(source))) from error
 
 
 def _warn_of_springs(robot: Robot, source: Path) -> tuple[Notice, ...]:

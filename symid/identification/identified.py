@@ -6,45 +6,15 @@ Robot, estimate (rigid or elastic, itself or its file) -> `Identified`, and the 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from os import PathLike
 from pathlib import Path
-from typing import Protocol
 
 from symid.codegen import build_model_card
 from symid.dynamics import BaseParameters, IdentifiedRobot, build_identified_robot, derive_base_parameters
-from symid.errors import EstimateError, Notice
-from symid.identification.elastic import (
-    ElasticEstimate,
-    build_rigid_estimate,
-    build_rigid_variant,
-    check_elastic_model,
-    is_elastic_estimate,
-    read_elastic_estimate,
-)
-from symid.identification.estimators import Estimate, ParameterEstimate
-from symid.identification.friction import FrictionIdentification, is_friction_result, read_friction_result
-from symid.identification.rigid import check_rigid_model, read_estimate, restore_robot
+from symid.errors import Notice
+from symid.identification.elastic import ElasticEstimate, build_rigid_estimate, build_rigid_variant
+from symid.identification.estimators import Estimate, ParameterEstimate, check_model
+from symid.identification.rigid import restore_robot
 from symid.robot import Elasticity, Robot
-
-StoredResult = Estimate | ElasticEstimate | FrictionIdentification
-
-
-class Fitted(Protocol):
-    """A result of the API: what was identified, and its file where it has one."""
-
-    @property
-    def product(self) -> object:
-        """Return what was identified."""
-        ...
-
-    @property
-    def file(self) -> Path | None:
-        """Return the file that it was read from."""
-        ...
-
-
-GivenResult = StoredResult | Fitted | str | PathLike[str]
-"""What was identified: itself, as a result of the API, or its file."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -64,50 +34,6 @@ class Identified:
     missing: tuple[str, ...] = ()
     notices: tuple[Notice, ...] = ()
     covariance: tuple[tuple[float, ...], ...] = ()
-
-
-def is_friction(given: GivenResult) -> bool:
-    """Return whether this is friction of a robot, whatever else may be wrong with it."""
-    if isinstance(given, str | PathLike):
-        return is_friction_result(Path(given))
-    return isinstance(getattr(given, "product", given), FrictionIdentification)
-
-
-def read_result(given: GivenResult) -> tuple[StoredResult, Path]:
-    """Return what was identified, rigid, elastic or friction, and where it is from.
-
-    Raises:
-        EstimateError: its file cannot be read.
-        TypeError: it is nothing that was identified.
-    """
-    if isinstance(given, str | PathLike):
-        path = Path(given)
-        if is_friction_result(path):
-            return read_friction_result(path), path
-        return read_elastic_estimate(path) if is_elastic_estimate(path) else read_estimate(path), path
-    found = getattr(given, "product", given)
-    if not isinstance(found, StoredResult):
-        message = f"expected a fit or its file, got {type(given).__name__}"
-        raise TypeError(message)
-    return found, getattr(given, "file", None) or _name_source(found.sources)
-
-
-def _name_source(sources: Sequence[str]) -> Path:
-    """Return what messages call a result that is no file, by the logs it comes from."""
-    return Path(f"fit of {', '.join(Path(source).name for source in sources)}")
-
-
-def read_dynamics(given: GivenResult) -> tuple[Estimate | ElasticEstimate, Path]:
-    """Return the estimate, rigid or elastic, and where it is from.
-
-    Raises:
-        EstimateError: its file cannot be read, or it is friction alone.
-    """
-    found, source = read_result(given)
-    if isinstance(found, FrictionIdentification):
-        text = "this is friction alone, and no estimate of base parameters; identify by other rows"
-        raise EstimateError(Notice(code="estimate.format", text=text, file=str(source)))
-    return found, source
 
 
 def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source: Path) -> Identified:
@@ -136,7 +62,7 @@ def _build_rigid(described: Robot, estimate: Estimate, source: Path) -> Identifi
     found = build_rigid_estimate(estimate, described)
     robot = build_rigid_variant(described)
     base = derive_base_parameters(robot)
-    check_rigid_model(found, build_model_card(robot, base, ()), str(source))
+    check_model(found, build_model_card(robot, base, ()), str(source))
     notices: tuple[Notice, ...] = ()
     if any(described.elastic):
         text = (
@@ -162,7 +88,7 @@ def _build_elastic(robot: Robot, found: ElasticEstimate, source: Path) -> Identi
         EstimateError: the estimate is of another model.
     """
     base = derive_base_parameters(robot)
-    check_elastic_model(found, build_model_card(robot, base, ()), source)
+    check_model(found, build_model_card(robot, base, ()), str(source))
     refused = {entry for entry, _ in found.refused}
     known = [entry for entry in found.parameters if entry.name not in refused]
     names = {entry.name for entry in (*base.parameters, *base.friction)}

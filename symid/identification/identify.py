@@ -11,12 +11,12 @@ and its parameters for every joint that moves, of elastic robots on the motor si
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.environment import show_path
-from symid.errors import EstimateError, Notice, UsageError
+from symid.errors import Notice, UsageError
 from symid.identification.elastic import (
     ElasticEstimate,
     ElasticOptions,
@@ -31,7 +31,7 @@ from symid.identification.elastic import (
     refuse_elasticity,
     warn_of_rotors,
 )
-from symid.identification.estimators import Estimate
+from symid.identification.estimators import Estimate, FitRecord
 from symid.identification.friction import (
     AUTO,
     STOCHASTIC,
@@ -39,19 +39,18 @@ from symid.identification.friction import (
     FrictionOptions,
     FrictionTask,
     identify_friction,
-    is_friction_result,
 )
 from symid.identification.regression import WHOLE_MODEL, RankRule
 from symid.identification.rigid import (
-    OUTPUT_ERROR,
+    PRIOR_OF_ROBOT,
     SIMULATING,
     RigidOptions,
     build_estimator_options,
     check_estimator,
     check_rigid_options,
-    get_estimate,
     identify_parameters,
 )
+from symid.identification.stored import read_rigid
 from symid.logs import (
     Alignment,
     Recording,
@@ -66,6 +65,9 @@ from symid.robot import Robot, describe_settings
 
 if TYPE_CHECKING:
     from symid.identification.elastic import StiffnessEstimate
+
+
+Fit_co = TypeVar("Fit_co", bound=FitRecord, covariant=True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,17 +111,17 @@ class IdentifyTask:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Identification:
-    """An estimate, and what came with it.
+class Identification(Generic[Fit_co]):
+    """A fit, and what came with it.
 
     Args:
-        estimate: of base parameters, or of dynamics and springs.
+        estimate: of base parameters, of dynamics and springs, or of friction.
         notices: what a reader should know, those of the robot and its logs first.
         backend: what computed the robot's functions.
         alignment: delay and offsets of the link encoders, where they were looked for.
     """
 
-    estimate: Estimate | ElasticEstimate
+    estimate: Fit_co
     notices: tuple[Notice, ...]
     backend: str
     alignment: Alignment | None = None
@@ -127,7 +129,7 @@ class Identification:
 
 def identify_robot(
     robot: Robot, recordings: Sequence[Recording], task: IdentifyTask, workshop: TaskContext
-) -> Identification:
+) -> Identification[Estimate | ElasticEstimate]:
     """Return the parameters of a robot that explain its recordings best.
 
     Args:
@@ -178,7 +180,7 @@ def _identify_rigid(
     workshop: TaskContext,
     *,
     motor_side: bool,
-) -> Identification:
+) -> Identification[Estimate]:
     rows, estimator = options.rows or "torque", options.estimator or "ols"
     check_rigid_options(rows, estimator, options)
     warnings = list_log_notices(robot, recordings)
@@ -221,28 +223,38 @@ def _fit_rigid(
     rule = RankRule(least=0.0 if options.partial else WHOLE_MODEL)
     weights, echo = get_run_weights(recordings), describe_logs(robot, recordings)
     if estimator in SIMULATING:
-        from symid.identification.rigid import identify_instrumental, identify_output_error
+        from symid.identification.rigid import identify_closed_loop
 
-        identify = identify_output_error if estimator == OUTPUT_ERROR else identify_instrumental
         start = options.start
-        return identify(
+        return identify_closed_loop(
+            estimator,
             robot,
             library,
             recordings,
-            start=None if start is None else get_estimate(start, library.card),
+            start=None if start is None else read_rigid(start, library.card),
             start_name=_name_start(start),
             rule=rule,
             weights=weights,
             echo=echo,
             tell=progress,
         )
+    prior = None if options.prior == PRIOR_OF_ROBOT else options.prior
+    if isinstance(prior, str):
+        prior = Path(prior)
     return identify_parameters(
         library,
         recordings,
         robot.processing,
         rows=rows,
         estimator=estimator,
-        options=build_estimator_options(robot, library, recordings, estimator, options),
+        options=build_estimator_options(
+            robot,
+            library,
+            recordings,
+            estimator,
+            options,
+            prior=None if prior is None else read_rigid(prior, library.card),
+        ),
         window=options.window,
         overlap=options.overlap or 0.0,
         rule=rule,
@@ -266,7 +278,7 @@ def _identify_elastic(
     method: str,
     task: IdentifyTask,
     workshop: TaskContext,
-) -> Identification:
+) -> Identification[ElasticEstimate]:
     """Return dynamics, friction and springs; delay and offsets of the link encoders are taken out first."""
     from symid.identification.elastic import identify_elastic, prepare_aligned
 
@@ -355,18 +367,9 @@ class FrictionRequest:
     options: FrictionOptions = field(default_factory=FrictionOptions)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class IdentifiedFriction:
-    """Friction of all joints that move, what a reader should know, and what computed the functions."""
-
-    result: FrictionIdentification
-    notices: tuple[Notice, ...]
-    backend: str
-
-
 def identify_robot_friction(
     robot: Robot, recordings: Sequence[Recording], request: FrictionRequest, workshop: TaskContext
-) -> IdentifiedFriction:
+) -> Identification[FrictionIdentification]:
     """Return the friction of every joint that the recordings move.
 
     Args:
@@ -413,7 +416,7 @@ def identify_robot_friction(
         *found.notices,
         *_warn_of_unused(found, request, library),
     )
-    return IdentifiedFriction(result=found, notices=notices, backend=library.backend)
+    return Identification(estimate=found, notices=notices, backend=library.backend)
 
 
 def _describe_settings(
@@ -438,13 +441,7 @@ def _describe_settings(
 def _read_known(known: Estimate | Path | None, library: Library) -> FloatArray | None:
     if known is None:
         return None
-    if isinstance(known, Path) and is_friction_result(known):
-        text = (
-            "this is friction found with --rows friction; --known takes the base parameters that "
-            "`symid identify ROBOT LOG... -o FILE` finds without --rows friction"
-        )
-        raise EstimateError(Notice(code="estimate.friction", text=text, file=str(known)))
-    estimate = get_estimate(known, library.card)
+    estimate = read_rigid(known, library.card)
     return estimate.assemble(tuple(entry.name for entry in library.card.beta))
 
 

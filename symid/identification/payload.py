@@ -3,7 +3,6 @@
 Robot, for both sides an estimate or logs -> `PayloadFinding`.
 """
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
@@ -20,8 +19,9 @@ from symid.dynamics import (
 )
 from symid.errors import EstimateError, Notice, UsageError
 from symid.identification.estimators import ParameterEstimate
-from symid.identification.identified import GivenResult, build_identified, read_dynamics
+from symid.identification.identified import build_identified
 from symid.identification.rigid import identify_parameters
+from symid.identification.stored import GivenResult, is_fit, read_dynamics
 from symid.logs import Recording, check_distinct, check_distinct_samples, read_recordings
 from symid.robot import Robot, describe_settings
 
@@ -122,20 +122,11 @@ def _split(given: GivenSide) -> tuple[list[Path | Recording], list[GivenResult]]
     for entry in given:
         if isinstance(entry, Recording):
             logs.append(entry)
-        elif isinstance(entry, str | PathLike) and not _is_result(Path(entry)):
+        elif isinstance(entry, str | PathLike) and not is_fit(Path(entry)):
             logs.append(Path(entry))
         else:
             estimates.append(entry)
     return logs, estimates
-
-
-def _is_result(path: Path) -> bool:
-    """Return whether a file is one of the results that symid writes, right or wrong."""
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return False
-    return isinstance(data, dict) and str(data.get("format", "")).startswith("symid")
 
 
 def _identify(robot: Robot, logs: Sequence[Path | Recording], task: PayloadTask) -> _Side:

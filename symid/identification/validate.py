@@ -1,7 +1,6 @@
 """A stored result and logs: validation on one that it was not fitted to, diagnosis by its own.
 
-Robot, result, log, settings -> `RigidValidation`, `ElasticValidation`, `FrictionValidation`;  robot,
-estimate -> `Diagnosis`.
+Robot, fit, log, settings -> `FitValidation`;  robot, estimate -> `Diagnosis`.
 
 Nothing is fitted in a validation; filter and friction are those of the identification, unless the call
 states others. For a diagnosis the logs of the fit are read again with the settings of the fit and of each
@@ -11,13 +10,19 @@ run.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import final
 
 import numpy as np
 
 from symid.codegen import Library
 from symid.errors import LogError, Notice, UsageError
 from symid.excitation import Trajectory, build_trajectory
-from symid.identification.diagnostics import BandResidual, compute_band_residual, predict_torques
+from symid.identification.diagnostics import (
+    BandResidual,
+    compute_band_residual,
+    predict_torques,
+    warn_of_fitted_log,
+)
 from symid.identification.elastic import (
     ElasticEstimate,
     ElasticTrial,
@@ -25,7 +30,6 @@ from symid.identification.elastic import (
     build_motor_recording,
     build_rigid_estimate,
     build_rigid_variant,
-    check_elastic_model,
     check_settings,
     cut_logs,
     evaluate_elastic,
@@ -34,23 +38,29 @@ from symid.identification.elastic import (
     prepare_aligned,
     simulate_tracking,
 )
-from symid.identification.estimators import Estimate, Residual, ResolvedProcessing, Validation
+from symid.identification.estimators import (
+    Estimate,
+    Residual,
+    ResolvedProcessing,
+    Validation,
+    check_model,
+    check_robot,
+    compute_mean_relative,
+)
 from symid.identification.friction import (
     FrictionIdentification,
-    check_friction_model,
-    check_friction_robot,
     set_identified_friction,
     validate_friction,
 )
 from symid.identification.identify import TaskContext
 from symid.identification.rigid import (
     Diagnosis,
-    check_rigid_model,
     diagnose_estimate,
     resolve_processing,
     restore_robot,
     validate_estimate,
 )
+from symid.identification.stored import StoredResult
 from symid.logs import IN_MEMORY_PREFIX, Alignment, Recording, read_one_log, read_recorded_runs
 from symid.robot import Robot
 from symid.serialization import compute_file_digest
@@ -66,40 +76,66 @@ Pairs = Sequence[tuple[str, str]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class RigidValidation:
-    """What an estimate of base parameters explains of a log.
+class FitValidation:
+    """What a fit explains of a log, whatever its kind.
 
     Args:
         robot: as it was identified, elastic joints included.
-        validation: residuals and series; settled: how the log was processed.
-        band: what is left below a frequency at the full rate; None where not asked for.
+        source: the log.
+        tables: what is left, joint by joint, under captions where there are several; the first is the one
+            that counts.
         notices: what a reader should know.
     """
 
     robot: Robot
-    validation: Validation
-    settled: ResolvedProcessing
+    source: str
+    tables: tuple[tuple[str, tuple[Residual, ...]], ...]
     notices: tuple[Notice, ...]
-    band: BandResidual | None = None
-
-    @property
-    def source(self) -> str:
-        """Return the log."""
-        return self.validation.source
 
     @property
     def residual(self) -> tuple[Residual, ...]:
-        """Return what is left, joint by joint, within the band if asked for."""
-        return self.validation.residual if self.band is None else self.band.joints
+        """Return what is left, joint by joint."""
+        return self.tables[0][1]
 
     @property
     def mean_relative_percent(self) -> float:
-        """Return the mean over joints of the relative residuals, in percent, within the band if asked for."""
-        return (self.band or self.validation).mean_relative_percent
+        """Return the mean over joints of the relative residuals, in percent."""
+        return compute_mean_relative(self.residual)
 
     def find_missed(self, gate: float | None) -> tuple[Notice, ...]:
-        """Return why a gate in percent is missed; nothing where it is not, or there is none."""
-        return _check_gate(self.mean_relative_percent, gate, self.source)
+        """Return which tables miss a gate in percent; nothing where none does, or there is no gate."""
+        notices = []
+        for caption, residual in self.tables:
+            reached = compute_mean_relative(residual)
+            if gate is not None and not reached <= gate:
+                text = f"mean relative residual {reached:.4f} %, the gate is {gate:g} %"
+                told = f"{caption.rstrip('.')}: {text}" if caption else text
+                notices.append(Notice(code="validate.gate-missed", text=told, file=self.source))
+        return tuple(notices)
+
+
+@final
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RigidValidation(FitValidation):
+    """The same of base parameters.
+
+    Args:
+        validation: residuals and series; settled: how the log was processed.
+        band: what is left below a frequency at the full rate; None where not asked for.
+    """
+
+    validation: Validation
+    settled: ResolvedProcessing
+    band: BandResidual | None = None
+
+
+@final
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FrictionValidation(FitValidation):
+    """The same of laws of friction with the rigid part; `laws` by joint."""
+
+    validation: Validation
+    laws: Mapping[str, str]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -126,165 +162,116 @@ class TrackingTask:
     against: tuple[tuple[str, ElasticEstimate], ...] = ()
 
 
+@final
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ElasticValidation:
-    """What an estimate of elastic joints explains of a log, and how links follow with it.
+class ElasticValidation(FitValidation):
+    """The same of elastic joints, by motors, links and springs, and how links follow with the estimate.
 
     Args:
-        robot: as it was identified; estimate: which.
-        trial: torques by motors, links and springs.
+        estimate: which; trial: torques by motors, links and springs.
         alignment: delay and offsets of the log's encoders, None where not looked for.
         tracking: None where not asked for.
-        notices: what a reader should know.
     """
 
-    robot: Robot
     estimate: ElasticEstimate
     trial: ElasticTrial
-    notices: tuple[Notice, ...]
     alignment: Alignment | None = None
     tracking: TrackingComparison | None = None
-
-    @property
-    def source(self) -> str:
-        """Return the log."""
-        return self.trial.source
-
-    @property
-    def residual(self) -> tuple[Residual, ...]:
-        """Return what motors and links together leave, joint by joint."""
-        return self.trial.residuals[0][1]
-
-    @property
-    def mean_relative_percent(self) -> float:
-        """Return the mean over joints of the relative residuals by motors and links, in percent."""
-        return self.trial.mean_relative_percent
-
-    def find_missed(self, gate: float | None) -> tuple[Notice, ...]:
-        """Return what misses a gate in percent: dynamics, and each of the two tables that springs are in."""
-        return tuple(
-            replace(notice, text=f"{caption.rstrip('.')}: {notice.text}")
-            for (caption, _), reached in zip(self.trial.residuals, self.trial.means, strict=True)
-            for notice in _check_gate(reached, gate, self.source)
-        )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FrictionValidation:
-    """What laws of friction, with the rigid part, explain of a log; `laws` by joint."""
-
-    robot: Robot
-    validation: Validation
-    laws: Mapping[str, str]
-    notices: tuple[Notice, ...]
-
-    @property
-    def source(self) -> str:
-        """Return the log."""
-        return self.validation.source
-
-    @property
-    def residual(self) -> tuple[Residual, ...]:
-        """Return what is left, joint by joint."""
-        return self.validation.residual
-
-    @property
-    def mean_relative_percent(self) -> float:
-        """Return the mean over joints of the relative residuals, in percent."""
-        return self.validation.mean_relative_percent
-
-    def find_missed(self, gate: float | None) -> tuple[Notice, ...]:
-        """Return why a gate in percent is missed; nothing where it is not, or there is none."""
-        return _check_gate(self.mean_relative_percent, gate, self.source)
 
 
 AnyValidation = RigidValidation | ElasticValidation | FrictionValidation
 """What a fit of any kind explains of a log."""
 
 
-def _check_gate(reached: float, gate: float | None, source: str) -> tuple[Notice, ...]:
-    """Return what is wrong with a mean relative residual of `reached` percent; nothing without a gate."""
-    if gate is None or reached <= gate:
-        return ()
-    text = f"mean relative residual {reached:.4f} %, the gate is {gate:g} %"
-    return (Notice(code="validate.gate-missed", text=text, file=source),)
-
-
-def validate_rigid(
+def validate_fit(
     robot: Robot,
-    estimate: Estimate,
+    fit: StoredResult,
     log: Path | Recording,
     workshop: TaskContext,
     *,
     pairs: Pairs = (),
     band: float | None = None,
+    tracking: TrackingTask | None = None,
     file: str = "",
-) -> RigidValidation:
-    """Return what a rigid model explains of a log; one that was identified as rigid is tried as rigid.
+) -> AnyValidation:
+    """Return what a fit of any kind explains of a log; nothing is fitted.
+
+    A robot that was identified as rigid is tried as rigid. For elastic joints, delay and offsets of the log's
+    link encoders are taken out first, as in an identification.
 
     Args:
         robot: as read.
-        estimate: of base parameters.
+        fit: of its dynamics, or of its friction.
         log: a file, or what was read from one.
         workshop: library and progress.
         pairs: settings of the call, keys and values.
-        band: Hz below which torques are compared at the full rate, None for the rows of the fit.
-        file: of the estimate, for messages.
+        band: Hz below which torques are compared at the full rate, None for the rows of the fit; of rigid
+            fits.
+        tracking: a motion to simulate, None for none; of elastic fits: the robot file must state the true
+            values then.
+        file: of the fit, for messages.
 
     Raises:
-        EstimateError: the estimate is of another model.
-        LogError: the log does not fit the robot.
-        IdentifiabilityError: no joint moves in it.
+        UsageError: a setting has no meaning here; an estimate lacks springs, which a feed-forward needs.
+        EstimateError: a fit is of another model.
+        LogError: the log lacks an encoder, or does not fit the robot.
+        IdentifiabilityError: no joint moves in it, or nothing can be said of any.
+        RobotError: the robot file lacks values to simulate with.
     """
+    match fit:
+        case Estimate():
+            return _validate_rigid(robot, fit, log, workshop, pairs=pairs, band=band, file=file)
+        case ElasticEstimate():
+            return _validate_elastic(robot, fit, log, workshop, pairs=pairs, tracking=tracking, file=file)
+    return _validate_friction(robot, fit, log, workshop, pairs=pairs, file=file)
+
+
+def _validate_rigid(
+    robot: Robot,
+    estimate: Estimate,
+    log: Path | Recording,
+    workshop: TaskContext,
+    *,
+    pairs: Pairs,
+    band: float | None,
+    file: str,
+) -> RigidValidation:
     described = restore_robot(robot, estimate, pairs)
     found = build_rigid_estimate(estimate, described)
     recording = build_motor_recording(read_one_log(log, described), described)
     library = workshop.prepare(build_rigid_variant(described))
-    check_rigid_model(found, library.card, file)
+    check_model(found, library.card, file)
     workshop.progress(f"validating on {recording.source}")
     settled = resolve_processing(found, described.processing, recording)
     validation = validate_estimate(found, library, recording, described.processing)
-    residual = None
+    within = None
     if band is not None:
-        names = tuple(entry.name for entry in (*library.card.beta, *library.card.friction))
+        names = [entry.name for entry in (*library.card.beta, *library.card.friction)]
         values = found.assemble(names)
-        predicted = predict_torques(values, library, recording, settled.processing, band=band)
-        residual = compute_band_residual(predicted)
-    notices = (*described.notices, *library.notices, *recording.notices, *validation.notices)
+        within = compute_band_residual(
+            predict_torques(values, library, recording, settled.processing, band=band)
+        )
     return RigidValidation(
-        robot=described, validation=validation, settled=settled, notices=notices, band=residual
+        robot=described,
+        source=validation.source,
+        tables=(("", validation.residual if within is None else within.joints),),
+        notices=(*described.notices, *library.notices, *recording.notices, *validation.notices),
+        validation=validation,
+        settled=settled,
+        band=within,
     )
 
 
-def validate_elastic(
+def _validate_elastic(
     robot: Robot,
     estimate: ElasticEstimate,
     log: Path | Recording,
     workshop: TaskContext,
     *,
-    pairs: Pairs = (),
-    tracking: TrackingTask | None = None,
-    file: str = "",
+    pairs: Pairs,
+    tracking: TrackingTask | None,
+    file: str,
 ) -> ElasticValidation:
-    """Return what an estimate of elastic joints explains of a log, and how links follow with it.
-
-    Delay and offsets of the log's link encoders are taken out first, as in an identification.
-
-    Args:
-        robot: as read.
-        estimate: of dynamics and springs.
-        log: a file, or what was read from one.
-        workshop: library and progress.
-        pairs: settings of the call, keys and values.
-        tracking: a motion to simulate, None for none; the robot file must state the true values then.
-        file: of the estimate, for messages.
-
-    Raises:
-        UsageError: a setting has no meaning here; an estimate lacks springs, which a feed-forward needs.
-        EstimateError: an estimate is of another model.
-        LogError: the log lacks an encoder, or does not fit the robot.
-        RobotError: the robot file lacks values to simulate with.
-    """
     check_settings(pairs, "elastic")
     described = restore_robot(robot, estimate, pairs)
     (recording,) = cut_logs((read_one_log(log, described, "an elastic robot"),), described.processing)
@@ -293,28 +280,21 @@ def validate_elastic(
     if tracking is not None:
         check_stated_values(described)
     library = workshop.prepare(described)
-    check_elastic_model(estimate, library.card, file)
+    check_model(estimate, library.card, file)
     cases = {} if tracking is None else _list_cases(estimate, tracking, library, file)
     (moved,), alignment, told = prepare_aligned(library, (recording,))
     workshop.progress(f"validating on {recording.source}")
     trial = evaluate_elastic(estimate, library, moved, cutoff=get_asked_cutoff(described, pairs))
-    followed = None
-    if tracking is not None:
-        followed = _track(described, library, tracking, cases, workshop)
-    notices = (
-        *described.notices,
-        *library.notices,
-        *recording.notices,
-        *told,
-        *_warn_of_trial(estimate, trial),
-    )
+    doubts = _warn_of_trial(estimate, trial)
     return ElasticValidation(
         robot=described,
+        source=trial.source,
+        tables=trial.residuals,
+        notices=(*described.notices, *library.notices, *recording.notices, *told, *doubts),
         estimate=estimate,
         trial=trial,
-        notices=notices,
         alignment=alignment,
-        tracking=followed,
+        tracking=None if tracking is None else _track(described, library, tracking, cases, workshop),
     )
 
 
@@ -322,8 +302,7 @@ def _warn_of_trial(found: ElasticEstimate, trial: ElasticTrial) -> tuple[Notice,
     """Return what makes the log a poor test: that it is one of the fit, or goes beyond those."""
     notices = []
     if trial.fitted:
-        text = "the estimate was fitted to this very log, which is no test of it; validate on another motion"
-        notices.append(Notice(code="validate.fitted-log", text=text, file=trial.source))
+        notices.append(warn_of_fitted_log(trial.source))
     reached = {joint.joint: float(abs(joint.torsion).max()) for joint in trial.joints}
     beyond = [
         f"{entry.joint} {reached[entry.joint]:.3g} against {entry.torsion:.3g} {entry.position_unit}"
@@ -349,7 +328,7 @@ def _list_cases(
         UsageError: an estimate has no springs, which a feed-forward needs.
     """
     for path, estimate in task.against:
-        check_elastic_model(estimate, library.card, path)
+        check_model(estimate, library.card, path)
     cases = dict(enumerate(((file, found), *task.against), start=1))
     lacking = [
         path
@@ -404,49 +383,31 @@ def _track(
     return TrackingComparison(trajectory=task.trajectory, runs=runs, methods=methods, seed=task.seed)
 
 
-def validate_friction_result(
+def _validate_friction(
     robot: Robot,
     found: FrictionIdentification,
     log: Path | Recording,
     workshop: TaskContext,
     *,
-    pairs: Pairs = (),
-    file: str = "",
+    pairs: Pairs,
+    file: str,
 ) -> FrictionValidation:
-    """Return what identified friction, with its rigid part, explains of a log that was not fitted.
-
-    Args:
-        robot: as read.
-        found: laws and parameters.
-        log: a file, or what was read from one.
-        workshop: library and progress.
-        pairs: settings of the call, keys and values.
-        file: of the result, for messages.
-
-    Raises:
-        EstimateError: the friction is of another model.
-        IdentifiabilityError: nothing can be said of any joint.
-    """
     # The log map of another robot would only say that its columns do not fit.
-    check_friction_robot(found, robot.name, file)
+    check_robot(found, robot.name, file)
     unfolded, notices = _undo_folding(robot, found, str(log.source if isinstance(log, Recording) else log))
     described = restore_robot(robot, unfolded, pairs)
     recording = build_motor_recording(read_one_log(log, described, "a law of friction"), described)
     library = workshop.prepare(set_identified_friction(build_rigid_variant(described), found))
-    check_friction_model(found, library.card, file)
+    check_model(found, library.card, file)
     workshop.progress(f"validating on {recording.source}")
     validation = validate_friction(found, library, recording, described.processing)
     return FrictionValidation(
         robot=described,
+        source=validation.source,
+        tables=(("", validation.residual),),
+        notices=(*described.notices, *notices, *library.notices, *recording.notices, *validation.notices),
         validation=validation,
         laws={entry.joint: entry.estimate.law for entry in found.joints},
-        notices=(
-            *described.notices,
-            *notices,
-            *library.notices,
-            *recording.notices,
-            *validation.notices,
-        ),
     )
 
 

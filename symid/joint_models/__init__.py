@@ -3,6 +3,19 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from symid.joint_models.bouc_wen import (
+        BoucWen as BoucWen,
+        compute_bouc_wen_torque as compute_bouc_wen_torque,
+    )
+    from symid.joint_models.carriers import (
+        Carrier as Carrier,
+        OperatorCarrier as OperatorCarrier,
+        build_casadi_carrier as build_casadi_carrier,
+        build_float_carrier as build_float_carrier,
+        build_numpy_carrier as build_numpy_carrier,
+        build_symbol_carrier as build_symbol_carrier,
+        smooth as smooth,
+    )
     from symid.joint_models.dynamic_friction import (
         DynamicLaw as DynamicLaw,
         FrictionPath as FrictionPath,
@@ -12,23 +25,21 @@ if TYPE_CHECKING:
         compute_bristle_step as compute_bristle_step,
         compute_dynamic_torque as compute_dynamic_torque,
         compute_largest_level as compute_largest_level,
+        compute_steady_torque as compute_steady_torque,
         compute_torque_derivatives as compute_torque_derivatives,
+        derive_equations as derive_equations,
         get_dynamic_law as get_dynamic_law,
+        is_passive as is_passive,
         simulate_dynamic_friction as simulate_dynamic_friction,
+        write_dynamic_latex as write_dynamic_latex,
     )
     from symid.joint_models.friction_catalogue import FRICTION_LAWS as FRICTION_LAWS, get_law as get_law
     from symid.joint_models.friction_columns import (
-        STRIBECK_PARAMETERS as STRIBECK_PARAMETERS,
-        StribeckCarrier as StribeckCarrier,
         compute_stribeck_derivatives as compute_stribeck_derivatives,
     )
     from symid.joint_models.friction_law import (
-        FrictionCarrier as FrictionCarrier,
         FrictionLaw as FrictionLaw,
         LawParameter as LawParameter,
-        OperatorFriction as OperatorFriction,
-        build_float_carrier as build_float_carrier,
-        build_numpy_carrier as build_numpy_carrier,
         compute_column_derivatives as compute_column_derivatives,
         compute_columns as compute_columns,
         compute_friction_torque as compute_friction_torque,
@@ -42,19 +53,33 @@ if TYPE_CHECKING:
         list_friction_parameters as list_friction_parameters,
     )
     from symid.joint_models.hysteresis import (
+        MaxwellElement as MaxwellElement,
         SpringTerms as SpringTerms,
         advance_inverse_spring as advance_inverse_spring,
         advance_spring as advance_spring,
         compute_outer_function as compute_outer_function,
+        convert_maxwell_elements as convert_maxwell_elements,
+        convert_to_normal_form as convert_to_normal_form,
         invert_spring as invert_spring,
+        list_maxwell_elements as list_maxwell_elements,
     )
     from symid.joint_models.prandtl_ishlinskii import (
+        PlayModel as PlayModel,
+        build_play_model as build_play_model,
+        build_stops as build_stops,
+        compute_branch as compute_branch,
+        compute_cycle_loss as compute_cycle_loss,
+        compute_dissipation as compute_dissipation,
         compute_first_curve as compute_first_curve,
         compute_hysteresis_torque as compute_hysteresis_torque,
+        compute_play_output as compute_play_output,
         compute_plays as compute_plays,
         compute_spring_work as compute_spring_work,
         compute_stop_basis as compute_stop_basis,
+        compute_stored_energy as compute_stored_energy,
         compute_work_columns as compute_work_columns,
+        invert_hysteresis as invert_hysteresis,
+        invert_play_model as invert_play_model,
     )
 else:
     from symid.lazy import load_names

@@ -1,20 +1,21 @@
-"""Kinds of numbers that joint models are evaluated on: operators of their own, or dual numbers.
+"""Kinds of numbers that joint models are evaluated on: one protocol, and its carriers.
 
-Numbers of one kind -> numbers of the same kind. A friction law or a spring is written once over a carrier;
-what the carrier is decides whether floats, arrays, formulas or code come out. `Operators` has the four
-rules of arithmetic of numbers with + - * /. `DualFriction` takes arrays together with their derivatives by
-s variables and gives both after every operation of a friction law, exactly; at kinks (zero velocity, the
+Numbers of one kind -> numbers of the same kind. A friction law or a spring is written once over a `Carrier`;
+what the carrier is decides whether floats, arrays, formulas or code come out. `OperatorCarrier` serves
+numbers with + - * / of their own, the other functions are given. `DualFriction` takes arrays together with
+their derivatives by s variables and gives both after every operation, exactly; at kinks (zero velocity, the
 edge of a zone) it takes the derivative from one side.
 
 Supported: floats, fractions, mpmath, arrays, expressions of SymPy and CasADi; dual numbers over arrays.
-Not supported: numbers without operators, such as values of generated code, which are carriers of their own;
-second derivatives.
+Elsewhere: LaTeX (`friction_law`), values of generated code (`codegen`).
+Not supported: second derivatives.
 """
 
+import math
 import operator
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Generic, TypeVar
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,35 +25,166 @@ from symid.arrays import FloatArray
 V = TypeVar("V")
 
 
-class Operators(Generic[V]):
-    """Sum, difference, product, quotient and multiple by the numbers' own operators."""
+class Carrier(Protocol[V]):
+    """What joint models may use of their numbers."""
 
-    __slots__ = ()
+    @property
+    def zero(self) -> V:
+        """Return zero."""
+
+    @property
+    def one(self) -> V:
+        """Return one."""
 
     def add(self, left: V, right: V) -> V:
         """Return left + right."""
-        result: V = operator.add(left, right)
-        return result
 
     def sub(self, left: V, right: V) -> V:
         """Return left - right."""
-        result: V = operator.sub(left, right)
-        return result
 
     def mul(self, left: V, right: V) -> V:
         """Return left * right."""
-        result: V = operator.mul(left, right)
-        return result
 
     def div(self, left: V, right: V) -> V:
         """Return left / right."""
-        result: V = operator.truediv(left, right)
-        return result
 
     def scale(self, factor: float, value: V) -> V:
         """Return factor * value."""
-        result: V = operator.mul(factor, value)
-        return result
+
+    def exp(self, value: V) -> V:
+        """Return the exponential."""
+
+    def tanh(self, value: V) -> V:
+        """Return the hyperbolic tangent."""
+
+    def sin(self, value: V) -> V:
+        """Return the sine."""
+
+    def cos(self, value: V) -> V:
+        """Return the cosine."""
+
+    def sign(self, value: V) -> V:
+        """Return -1, 0 or 1."""
+
+    def absolute(self, value: V) -> V:
+        """Return |value|."""
+
+    def maximum(self, left: V, right: V) -> V:
+        """Return the greater of two."""
+
+    def minimum(self, left: V, right: V) -> V:
+        """Return the smaller of two."""
+
+    def power(self, base: V, exponent: V) -> V:
+        """Return base^exponent for base >= 0, exponent > 0."""
+
+
+def _refuse(*_values: object) -> Any:  # noqa: ANN401 - stands for any function of a carrier
+    message = "these numbers have no such function"
+    raise TypeError(message)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OperatorCarrier(Generic[V]):
+    """A carrier as functions; those not given are the numbers' own operators, or are refused."""
+
+    zero: V
+    one: V
+    add: Callable[[V, V], V] = operator.add
+    sub: Callable[[V, V], V] = operator.sub
+    mul: Callable[[V, V], V] = operator.mul
+    div: Callable[[V, V], V] = operator.truediv
+    scale: Callable[[float, V], V] = operator.mul
+    exp: Callable[[V], V] = _refuse
+    tanh: Callable[[V], V] = _refuse
+    sin: Callable[[V], V] = _refuse
+    cos: Callable[[V], V] = _refuse
+    sign: Callable[[V], V] = _refuse
+    absolute: Callable[[V], V] = abs  # type: ignore[assignment]  # of numbers that have it
+    maximum: Callable[[V, V], V] = _refuse
+    minimum: Callable[[V, V], V] = _refuse
+    power: Callable[[V, V], V] = operator.pow
+
+
+def smooth(carrier: Carrier[V], speed: float) -> OperatorCarrier[V]:
+    """Return a carrier in which sign(v) is tanh(v / speed): dry friction changes its sign over a speed."""
+    members = {field.name: getattr(carrier, field.name) for field in fields(OperatorCarrier)}
+    members["sign"] = lambda value: carrier.tanh(carrier.scale(1.0 / speed, value))
+    return OperatorCarrier(**members)
+
+
+def build_float_carrier() -> OperatorCarrier[float]:
+    """Return the carrier of Python floats."""
+    return OperatorCarrier(
+        zero=0.0,
+        one=1.0,
+        exp=math.exp,
+        tanh=math.tanh,
+        sin=math.sin,
+        cos=math.cos,
+        sign=lambda value: math.copysign(1.0, value) if value else 0.0,
+        maximum=max,
+        minimum=min,
+        power=math.pow,
+    )
+
+
+def build_numpy_carrier() -> OperatorCarrier[FloatArray]:
+    """Return the carrier of NumPy arrays, which may have any shapes that broadcast."""
+    return OperatorCarrier(
+        zero=np.zeros(()),
+        one=np.ones(()),
+        exp=np.exp,
+        tanh=np.tanh,
+        sin=np.sin,
+        cos=np.cos,
+        sign=np.sign,
+        absolute=np.abs,
+        maximum=np.maximum,
+        minimum=np.minimum,
+        power=np.power,
+    )
+
+
+def build_symbol_carrier() -> OperatorCarrier[Any]:
+    """Return the carrier of SymPy expressions."""
+    import sympy
+
+    return OperatorCarrier(
+        zero=sympy.Integer(0),
+        one=sympy.Integer(1),
+        exp=sympy.exp,
+        tanh=sympy.tanh,
+        sin=sympy.sin,
+        cos=sympy.cos,
+        sign=sympy.sign,
+        absolute=sympy.Abs,
+        maximum=sympy.Max,
+        minimum=sympy.Min,
+    )
+
+
+_TINY = 1e-100
+
+
+def build_casadi_carrier() -> OperatorCarrier[Any]:
+    """Return the carrier of CasADi expressions."""
+    import casadi
+
+    return OperatorCarrier(
+        zero=casadi.SX(0.0),
+        one=casadi.SX(1.0),
+        exp=casadi.exp,
+        tanh=casadi.tanh,
+        sin=casadi.sin,
+        cos=casadi.cos,
+        sign=casadi.sign,
+        absolute=casadi.fabs,
+        maximum=casadi.fmax,
+        minimum=casadi.fmin,
+        # At zero, derivatives would hold its logarithm and negative powers, although they vanish.
+        power=lambda base, exponent: casadi.fmax(base, _TINY) ** exponent,
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,18 +27,20 @@ import difflib
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, freeze, freeze_fields
 from symid.errors import Notice, UsageError
-from symid.joint_models.friction_law import (
-    FrictionCarrier,
-    LawParameter,
-    OperatorFriction,
+from symid.joint_models.carriers import (
+    Carrier,
+    OperatorCarrier,
     build_numpy_carrier,
+    build_symbol_carrier,
 )
+from symid.joint_models.friction_law import LawParameter, build_parameter
 
 V = TypeVar("V")
 
@@ -57,8 +59,8 @@ class DynamicLaw:
 
     name: str
     parameters: tuple[LawParameter, ...]
-    level: Callable[[FrictionCarrier[V], V, Sequence[V]], V]
-    damping: Callable[[FrictionCarrier[V], Sequence[V]], tuple[V, V]]
+    level: Callable[[Carrier[V], V, Sequence[V]], V]
+    damping: Callable[[Carrier[V], Sequence[V]], tuple[V, V]]
     formula: str
     source: str
     smoothness: str
@@ -71,7 +73,7 @@ class DynamicLaw:
 
 
 def compute_bristle_rate(
-    algebra: FrictionCarrier[V], law: DynamicLaw, velocity: V, state: V, values: Sequence[V]
+    algebra: Carrier[V], law: DynamicLaw, velocity: V, state: V, values: Sequence[V]
 ) -> V:
     """Return dz/dt = v - sigma0 |v| / g(v) z, rad/s or m/s.
 
@@ -88,7 +90,7 @@ def compute_bristle_rate(
 
 
 def compute_dynamic_torque(
-    algebra: FrictionCarrier[V], law: DynamicLaw, velocity: V, state: V, values: Sequence[V]
+    algebra: Carrier[V], law: DynamicLaw, velocity: V, state: V, values: Sequence[V]
 ) -> V:
     """Return tau_f = sigma0 z + sigma1 dz/dt + fV v, N m or N; arguments as in `compute_bristle_rate`."""
     damping, viscous = law.damping(algebra, values)
@@ -98,7 +100,7 @@ def compute_dynamic_torque(
 
 
 def compute_step_parts(
-    algebra: FrictionCarrier[V], law: DynamicLaw, velocity: V, period: V, values: Sequence[V]
+    algebra: Carrier[V], law: DynamicLaw, velocity: V, period: V, values: Sequence[V]
 ) -> tuple[V, V]:
     """Return exp(-sigma0 |v| h / g) and z_e = g sign(v) / sigma0: z(h) = z_e + (z - z_e) exp(...)."""
     level = law.level(algebra, velocity, values)
@@ -108,7 +110,7 @@ def compute_step_parts(
 
 
 def compute_bristle_step(
-    algebra: FrictionCarrier[V], law: DynamicLaw, held: tuple[V, V], state: V, values: Sequence[V]
+    algebra: Carrier[V], law: DynamicLaw, held: tuple[V, V], state: V, values: Sequence[V]
 ) -> tuple[V, V]:
     """Return z after a step, exact for a held velocity, and the torque at its end.
 
@@ -125,9 +127,7 @@ def compute_bristle_step(
     return after, compute_dynamic_torque(algebra, law, velocity, after, values)
 
 
-def compute_steady_torque(
-    algebra: FrictionCarrier[V], law: DynamicLaw, velocity: V, values: Sequence[V]
-) -> V:
+def compute_steady_torque(algebra: Carrier[V], law: DynamicLaw, velocity: V, values: Sequence[V]) -> V:
     """Return g(v) sign(v) + fV v, N m or N: the torque after a long time at `velocity`."""
     _, viscous = law.damping(algebra, values)
     dry = algebra.mul(law.level(algebra, velocity, values), algebra.sign(velocity))
@@ -197,51 +197,28 @@ def get_dynamic_law(name: str) -> DynamicLaw:
     raise UsageError(Notice(code="joint.no-dynamic-friction", text=text))
 
 
-def _dahl_level(_algebra: FrictionCarrier[V], _velocity: V, values: Sequence[V]) -> V:
+def _dahl_level(_algebra: Carrier[V], _velocity: V, values: Sequence[V]) -> V:
     return values[1]
 
 
-def _dahl_damping(algebra: FrictionCarrier[V], _values: Sequence[V]) -> tuple[V, V]:
+def _dahl_damping(algebra: Carrier[V], _values: Sequence[V]) -> tuple[V, V]:
     return algebra.zero, algebra.zero
 
 
-def _lugre_level(algebra: FrictionCarrier[V], velocity: V, values: Sequence[V]) -> V:
+def _lugre_level(algebra: Carrier[V], velocity: V, values: Sequence[V]) -> V:
     _, _, coulomb, static, speed, exponent, _ = values
     ratio = algebra.div(algebra.absolute(velocity), speed)
     fall = algebra.exp(algebra.sub(algebra.zero, algebra.power(ratio, exponent)))
     return algebra.add(coulomb, algebra.mul(algebra.sub(static, coulomb), fall))
 
 
-def _lugre_damping(_algebra: FrictionCarrier[V], values: Sequence[V]) -> tuple[V, V]:
+def _lugre_damping(_algebra: Carrier[V], values: Sequence[V]) -> tuple[V, V]:
     return values[1], values[6]
 
 
-def _build_parameter(
-    name: str,
-    latex: str,
-    units: tuple[str, str],
-    meaning: str,
-    *,
-    lower: float = 0.0,
-    upper: float = math.inf,
-    positive: bool = True,
-) -> LawParameter:
-    return LawParameter(
-        name=name,
-        latex=latex,
-        unit=units[0],
-        unit_prismatic=units[1],
-        meaning=meaning,
-        lower=lower,
-        upper=upper,
-        start=None,
-        lower_is_allowed=not positive,
-    )
-
-
-_TORQUE, _DAMPING = ("N m", "N"), ("N m s/rad", "N s/m")
-_STIFFNESS = _build_parameter("sigma0", r"\sigma_0", ("N m/rad", "N/m"), "stiffness of the bristles")
-_COULOMB = _build_parameter("fC", "f_C", _TORQUE, "Coulomb friction")
+_positive = partial(build_parameter, allowed=False)
+_STIFFNESS = _positive("sigma0", r"\sigma_0", "stiffness", "stiffness of the bristles")
+_COULOMB = _positive("fC", "f_C", "level", "Coulomb friction")
 
 DYNAMIC_LAWS: dict[str, DynamicLaw] = {
     law.name: law
@@ -260,14 +237,12 @@ DYNAMIC_LAWS: dict[str, DynamicLaw] = {
             name="lugre",
             parameters=(
                 _STIFFNESS,
-                _build_parameter("sigma1", r"\sigma_1", _DAMPING, "damping of the bristles", positive=False),
+                build_parameter("sigma1", r"\sigma_1", "viscous", "damping of the bristles"),
                 _COULOMB,
-                _build_parameter("fS", "f_S", _TORQUE, "static friction, the level of break-away"),
-                _build_parameter("vs", "v_s", ("rad/s", "m/s"), "Stribeck velocity"),
-                _build_parameter(
-                    "gamma", r"\gamma", ("1", "1"), "Stribeck exponent", lower=0.5, upper=4.0, positive=False
-                ),
-                _build_parameter("fV", "f_V", _DAMPING, "viscous friction", positive=False),
+                _positive("fS", "f_S", "level", "static friction, the level of break-away"),
+                _positive("vs", "v_s", "speed", "Stribeck velocity"),
+                build_parameter("gamma", r"\gamma", "number", "Stribeck exponent", 0.5, 4.0),
+                build_parameter("fV", "f_V", "viscous", "viscous friction"),
             ),
             level=_lugre_level,
             damping=_lugre_damping,
@@ -311,8 +286,7 @@ class FrictionPath:
         Raises:
             UsageError: their lengths differ, or numbers are not finite, or a period is negative.
         """
-        for name in ("held", "velocity", "period", "start"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
+        freeze_fields(self)
         arrays = (self.held, self.velocity, self.period, self.start)
         alike = self.held.ndim == 1 and all(array.shape == self.held.shape for array in arrays)
         if not (alike and all(np.all(np.isfinite(array)) for array in arrays) and np.all(self.period >= 0)):
@@ -356,7 +330,7 @@ def _compute_states(decay: Numbers, rest: Numbers, start: FloatArray, state: flo
 
 
 def _compute_run(law: DynamicLaw, values: Sequence[Numbers], path: FrictionPath, state: float) -> Numbers:
-    algebra: OperatorFriction[Numbers] = replace(build_numpy_carrier(), power=_compute_power)
+    algebra: OperatorCarrier[Numbers] = replace(build_numpy_carrier(), power=_compute_power)
     decay, rest = compute_step_parts(algebra, law, path.held, path.period, values)
     shape = np.broadcast(path.held, decay).shape
     states = _compute_states(np.broadcast_to(decay, shape), np.broadcast_to(rest, shape), path.start, state)
@@ -414,24 +388,6 @@ class DynamicEquations:
     steady: Expression
     state_after: Expression
     torque_after: Expression
-
-
-def build_symbol_carrier() -> OperatorFriction[Expression]:
-    """Return the carrier of SymPy expressions."""
-    import sympy
-
-    return OperatorFriction(
-        zero=sympy.Integer(0),
-        one=sympy.Integer(1),
-        exp=sympy.exp,
-        tanh=sympy.tanh,
-        sin=sympy.sin,
-        cos=sympy.cos,
-        sign=sympy.sign,
-        absolute=sympy.Abs,
-        maximum=sympy.Max,
-        minimum=sympy.Min,
-    )
 
 
 def derive_equations(law: DynamicLaw) -> DynamicEquations:

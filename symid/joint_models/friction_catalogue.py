@@ -15,48 +15,16 @@ import difflib
 import math
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 from symid.errors import Notice, UsageError
 from symid.joint_models import friction_columns as columns
 from symid.joint_models.dynamic_friction import DYNAMIC_LAWS
-from symid.joint_models.friction_law import FrictionLaw, LawParameter
+from symid.joint_models.friction_law import FrictionLaw, LawParameter, build_parameter
 
-_UNITS = {
-    "level": ("N m", "N"),
-    "viscous": ("N m s/rad", "N s/m"),
-    "speed": ("rad/s", "m/s"),
-    "slope": ("s/rad", "s/m"),
-    "number": ("1", "1"),
-}
 _INFINITY = float("inf")
-
-
-def _build_parameter(  # noqa: PLR0917 - one row of a table
-    name: str,
-    latex: str,
-    kind: str,
-    meaning: str,
-    lower: float = 0.0,
-    upper: float = _INFINITY,
-    start: float | None = None,
-    allowed: bool = True,  # noqa: FBT001, FBT002 - one column of a table
-) -> LawParameter:
-    unit, unit_prismatic = _UNITS[kind]
-    return LawParameter(
-        name=name,
-        latex=latex,
-        unit=unit,
-        unit_prismatic=unit_prismatic,
-        meaning=meaning,
-        lower=lower,
-        upper=upper,
-        start=start,
-        lower_is_allowed=allowed,
-    )
-
-
 _TWINS = (
     ("V", "V", "viscous", "viscous friction", 0.0),
     ("C", "C", "level", "Coulomb friction", 0.0),
@@ -70,49 +38,44 @@ _TWINS = (
     ("M", "M", "level", "rise of dry friction before it falls again", 0.0),
 )
 
-_LINEAR_NAMES = {"V": "v", "C": "c", "Vp": "vp", "Cp": "cp", "Vn": "vn", "Cn": "cn", "P": "p", "D": "d"}
-_LINEAR_NAMES |= {"L": "l", "M": "m"}
-
 LAW_PARAMETERS: dict[str, LawParameter] = {
     parameter.name: parameter
     for parameter in (
-        *(_build_parameter(f"f{end}", f"f_{tex}", kind, text, low) for end, tex, kind, text, low in _TWINS),
+        *(build_parameter(f"f{end}", f"f_{tex}", kind, text, low) for end, tex, kind, text, low in _TWINS),
         *(
-            _build_parameter(f"F{_LINEAR_NAMES[end]}", f"F_{tex}", kind, text, low)
+            build_parameter(f"F{end.lower()}", f"F_{tex}", kind, text, low)
             for end, tex, kind, text, low in _TWINS
         ),
-        _build_parameter("fS", "f_S", "level", "static friction, at the start of motion"),
-        _build_parameter("Fs", "F_s", "level", "static friction beyond Coulomb friction", -_INFINITY),
-        _build_parameter("fE", "f_E", "level", "static friction beyond Coulomb friction", -_INFINITY),
-        _build_parameter("fSp", "f_S^+", "level", "static friction, positive velocity"),
-        _build_parameter("fSn", "f_S^-", "level", "static friction, negative velocity"),
-        _build_parameter(
+        build_parameter("fS", "f_S", "level", "static friction, at the start of motion"),
+        build_parameter("Fs", "F_s", "level", "static friction beyond Coulomb friction", -_INFINITY),
+        build_parameter("fE", "f_E", "level", "static friction beyond Coulomb friction", -_INFINITY),
+        build_parameter("fSp", "f_S^+", "level", "static friction, positive velocity"),
+        build_parameter("fSn", "f_S^-", "level", "static friction, negative velocity"),
+        build_parameter(
             "Fsp", "F_s^+", "level", "static beyond Coulomb friction, positive velocity", -_INFINITY
         ),
-        _build_parameter(
+        build_parameter(
             "Fsn", "F_s^-", "level", "static beyond Coulomb friction, negative velocity", -_INFINITY
         ),
-        _build_parameter("fLS", "f_{LS}", "number", "static friction per torque of the load"),
-        _build_parameter(
+        build_parameter("fLS", "f_{LS}", "number", "static friction per torque of the load"),
+        build_parameter(
             "Fls", "F_{ls}", "number", "static beyond Coulomb friction per torque of the load", -_INFINITY
         ),
-        _build_parameter(
-            "offset", r"\tau_0", "level", "constant torque: drive offset, asymmetry", -_INFINITY
-        ),
-        _build_parameter("vs", "v_s", "speed", "Stribeck velocity", start=0.05, allowed=False),
-        _build_parameter("gamma", r"\gamma", "number", "Stribeck exponent", 0.5, 4.0, 2.0),
-        _build_parameter(
+        build_parameter("offset", r"\tau_0", "level", "constant torque: drive offset, asymmetry", -_INFINITY),
+        build_parameter("vs", "v_s", "speed", "Stribeck velocity", start=0.05, allowed=False),
+        build_parameter("gamma", r"\gamma", "number", "Stribeck exponent", 0.5, 4.0, 2.0),
+        build_parameter(
             "dq0", r"\dot q_0", "speed", "edge of the zone around standstill", start=0.01, allowed=False
         ),
-        _build_parameter(
+        build_parameter(
             "dqs", r"\dot q_0", "speed", "velocity at which friction changes its sign", start=0.0
         ),
-        _build_parameter("delta", r"\delta", "number", "exponent of viscous friction", 0.05, 3.0, 0.7),
-        _build_parameter(
+        build_parameter("delta", r"\delta", "number", "exponent of viscous friction", 0.05, 3.0, 0.7),
+        build_parameter(
             "g2", r"\gamma_2", "slope", "slope of the rise at standstill", start=100.0, allowed=False
         ),
-        _build_parameter("g3", r"\gamma_3", "slope", "slope of the fall after it", start=10.0, allowed=False),
-        _build_parameter("g5", r"\gamma_5", "slope", "slope of Coulomb friction", start=100.0, allowed=False),
+        build_parameter("g3", r"\gamma_3", "slope", "slope of the fall after it", start=10.0, allowed=False),
+        build_parameter("g5", r"\gamma_5", "slope", "slope of Coulomb friction", start=100.0, allowed=False),
     )
 }
 
@@ -153,39 +116,6 @@ _GAUSSIAN = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 10
 _ZHANG = "after Zhang, Hu, Zou, J. Zhejiang Univ. (Eng. Sci.) 55 (2021) 801-809, whose formula is not known"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LawTexts:
-    """Formula in ASCII and three sentences."""
-
-    formula: str
-    source: str
-    smoothness: str = _JUMP
-    passivity: str = _NOT_NEGATIVE
-
-
-COULOMB = LawTexts(formula="fC sign(dq)", source="Coulomb (1785)")
-COULOMB_VISCOUS = LawTexts(formula="fC sign(dq) + fV dq", source="Coulomb (1785), Reynolds (1886)")
-ASYMMETRIC = LawTexts(
-    formula="fCp + fVp dq for dq > 0, -fCn + fVn dq for dq < 0",
-    source="Janot, Gautier, Brunot, data set and reference models of EMPS (2019)",
-)
-LORENTZIAN = LawTexts(
-    formula="[fC + (fS - fC) / (1 + (dq / vs)^2)] sign(dq) + fV dq",
-    source="Hess, Soom, Journal of Tribology 112 (1990) 147-152",
-)
-POWER_LAW = LawTexts(
-    formula="fC sign(dq) + fD |dq|^delta sign(dq)",
-    source="a power of the velocity, as in Wolf, Iskandar, ICRA 2018",
-    smoothness="Jumps at zero velocity, where for delta < 1 its slope grows without bound; smooth elsewhere.",
-)
-MAKKAR = LawTexts(
-    formula="fM [tanh(g2 dq) - tanh(g3 dq)] + fC tanh(g5 dq) + fV dq",
-    source="Makkar, Dixon, Sawyer, Hu, AIM 2005, 600-605",
-    smoothness="Smooth in the velocity and in all parameters.",
-    passivity="Never pushes where no coefficient is negative and g2 >= g3.",
-)
-
-
 def _write_power(base: str, exponent: float | None) -> str:
     """Return a power, of gamma for None, without an exponent of one."""
     if exponent == 1.0:
@@ -209,95 +139,8 @@ def _get_stribeck_source(exponent: float | None) -> str:
     return "Bo, Pavelescu, Wear 82 (1982) 277-289"
 
 
-def describe_stribeck(exponent: float | None, orders: tuple[int, ...]) -> LawTexts:
-    """Return the texts of Stribeck's curve."""
-    return LawTexts(
-        formula=f"[fC + (fS - fC) {_write_fall(exponent)}] sign(dq) + fV dq{_write_further(orders)}",
-        source=_get_stribeck_source(exponent),
-    )
-
-
-def describe_polynomial(orders: tuple[int, ...]) -> LawTexts:
-    """Return the texts of polynomial viscous friction."""
-    return LawTexts(
-        formula=f"fC sign(dq) + fV dq{_write_further(orders)}",
-        source="a polynomial of the velocity, as in Simoni, Beschi, Visioli, Legnani, Robotica 35 (2017)",
-    )
-
-
-def describe_improved(reading: str, exponent: float | None) -> LawTexts:
-    """Return the texts of a reading of the improved law."""
-    curve = f"g(v) = fC + (fS - fC) exp(-{_write_power('(|v| / vs)', exponent)}) + fV |v|"
-    formulas = {
-        "H1": "fP + g(dq) sign(dq) for |dq| >= dq0, fP + g(dq0) dq / dq0 within",
-        "H2": "g(dq) sign(dq) for |dq| >= dq0, straight lines from fP at rest to +-g(dq0) within",
-        "H3": "fP + g(dq) sign(dq)",
-        "H4": "fP + g(dq - dq0) sign(dq - dq0)",
-    }
-    zone = "Continuous in the velocity, with knees at +-dq0; smooth in vs, gamma, piecewise in dq0."
-    smoothness = {
-        "H1": zone,
-        "H2": zone,
-        "H3": _JUMP,
-        "H4": "Jumps at dq0, in the velocity and in dq0; smooth elsewhere.",
-    }
-    passivity = {
-        "H1": "Pushes near standstill unless fP is zero.",
-        "H2": "Pushes near standstill unless fP is zero.",
-        "H3": "Pushes in one direction where |fP| is more than the friction.",
-        "H4": "Pushes between standstill and dq0.",
-    }
-    return LawTexts(
-        formula=f"{formulas[reading]}; {curve}",
-        source=f"reading {reading}, {_ZHANG}",
-        smoothness=smoothness[reading],
-        passivity=passivity[reading],
-    )
-
-
-def describe_asymmetric_stribeck(exponent: float | None, bumps: int) -> LawTexts:
-    """Return the texts of Stribeck friction by direction."""
-    fall = _write_fall(exponent)
-    parts = ("fE", "fE") if bumps == 1 else ("(fSp - fCp)", "(fSn - fCn)")
-    return LawTexts(
-        formula=f"fCp + {parts[0]} {fall} + fVp dq for dq > 0, -fCn - {parts[1]} {fall} + fVn dq for dq < 0",
-        source=_get_stribeck_source(exponent) + "; by direction as EMPS",
-    )
-
-
-def describe_load_dependent(exponent: float | None, *, falls: bool) -> LawTexts:
-    """Return the texts of friction that grows with the load."""
-    if not falls:
-        return LawTexts(
-            formula="(fC + fL |load|) sign(dq) + fV dq",
-            source="Bittencourt, Gunnarsson, J. Dyn. Sys. Meas. Control 134 (2012) 051013",
-        )
-    fall = _write_fall(exponent)
-    return LawTexts(
-        formula=f"[fC + fL |load| + (fS - fC + (fLS - fL) |load|) {fall}] sign(dq) + fV dq",
-        source="Bittencourt, Gunnarsson, J. Dyn. Sys. Meas. Control 134 (2012) 051013, without temperature",
-    )
-
-
-def describe_position_dependent(*, dry: bool) -> LawTexts:
-    """Return the texts of friction with waves of the motor's angle."""
-    waves = "sum_k [Ak cos(k theta) + Bk sin(k theta)]"
-    if dry:
-        return LawTexts(
-            formula=f"[fC + {waves}] sign(dq) + fV dq, theta: angle of the motor",
-            source="Fourier series of the motor's angle",
-            passivity="Never pushes where fC is at least the sum of all |Ak|, |Bk|, and fV is not negative.",
-        )
-    return LawTexts(
-        formula=f"fC sign(dq) + fV dq + {waves}, theta: angle of the motor",
-        source="Fourier series of the motor's angle",
-        passivity="The waves push and brake in turn, and do no work over a turn; the rest never pushes.",
-    )
-
-
 DEFAULT_EXPONENT = 2.0
-_LINEAR = {"fV": "Fv", "fC": "Fc", "fP": "Fp", "fD": "Fd", "fL": "Fl", "fM": "Fm", "fE": "Fs"}
-_LINEAR |= {"fVp": "Fvp", "fCp": "Fcp", "fVn": "Fvn", "fCn": "Fcn"}
+_LINEAR = {f"f{end}": f"F{end.lower()}" for end, *_ in _TWINS} | {"fE": "Fs"}
 # Static levels are printed whole; their linear parameters are what they have beyond Coulomb friction.
 _BEYOND = {"fS": ("Fc", "Fs"), "fSp": ("Fcp", "Fsp"), "fSn": ("Fcn", "Fsn"), "fLS": ("Fl", "Fls")}
 
@@ -307,10 +150,13 @@ def build_law(
     linear: str,
     shape: str,
     physical: str,
-    texts: LawTexts,
     *,
     find: Callable[..., tuple[object, ...]],
-    resistive: Callable[[Mapping[str, float]], bool],
+    formula: str,
+    source: str,
+    smoothness: str = _JUMP,
+    passivity: str = _NOT_NEGATIVE,
+    resistive: Callable[[Mapping[str, float]], bool] | None = None,
     inputs: tuple[str, ...] = ("velocity",),
     further: tuple[tuple[LawParameter, LawParameter], ...] = (),
 ) -> FrictionLaw:
@@ -334,11 +180,11 @@ def build_law(
             *(printed for _, printed in further),
         ),
         mixing=tuple(find_row(entry) for entry in printed_names),
-        formula=texts.formula,
-        source=texts.source,
-        smoothness=texts.smoothness,
-        passivity=texts.passivity,
-        resistive=resistive,
+        formula=formula,
+        source=source,
+        smoothness=smoothness,
+        passivity=passivity,
+        resistive=resistive or are_resistive,
     )
 
 
@@ -383,9 +229,9 @@ def build_stribeck(*, exponent: float | None = DEFAULT_EXPONENT, orders: tuple[i
         "Fv Fc Fs",
         f"vs{free}",
         f"fC fS vs{free} fV",
-        describe_stribeck(exponent, orders),
         find=partial(columns.compute_stribeck_columns, exponent=exponent, orders=orders),
-        resistive=are_resistive,
+        formula=f"[fC + (fS - fC) {_write_fall(exponent)}] sign(dq) + fV dq{_write_further(orders)}",
+        source=_get_stribeck_source(exponent),
         further=tuple(map(build_power_parameters, orders)),
     )
 
@@ -397,11 +243,55 @@ def build_polynomial(orders: tuple[int, ...] = (2, 3)) -> FrictionLaw:
         "Fv Fc",
         "",
         "fC fV",
-        describe_polynomial(orders),
         find=partial(columns.compute_polynomial_columns, orders=orders),
-        resistive=are_resistive,
+        formula=f"fC sign(dq) + fV dq{_write_further(orders)}",
+        source="a polynomial of the velocity, as in Simoni, Beschi, Visioli, Legnani, Robotica 35 (2017)",
         further=tuple(map(build_power_parameters, orders)),
     )
+
+
+class _Reading(NamedTuple):
+    """What a reading of the improved law is called, its edge, and its sentences."""
+
+    suffix: str
+    edge: str
+    formula: str
+    smoothness: str
+    passivity: str
+
+
+_ZONE = "Continuous in the velocity, with knees at +-dq0; smooth in vs, gamma, piecewise in dq0."
+_UNBIASED = "Pushes near standstill unless fP is zero."
+_READINGS = {
+    "H1": _Reading(
+        "",
+        " dq0",
+        "fP + g(dq) sign(dq) for |dq| >= dq0, fP + g(dq0) dq / dq0 within",
+        _ZONE,
+        _UNBIASED,
+    ),
+    "H2": _Reading(
+        "-h2",
+        " dq0",
+        "g(dq) sign(dq) for |dq| >= dq0, straight lines from fP at rest to +-g(dq0) within",
+        _ZONE,
+        _UNBIASED,
+    ),
+    "H3": _Reading(
+        "-h3",
+        "",
+        "fP + g(dq) sign(dq)",
+        _JUMP,
+        "Pushes in one direction where |fP| is more than the friction.",
+    ),
+    "H4": _Reading(
+        "-h4",
+        " dqs",
+        "fP + g(dq - dq0) sign(dq - dq0)",
+        "Jumps at dq0, in the velocity and in dq0; smooth elsewhere.",
+        "Pushes between standstill and dq0.",
+    ),
+}
 
 
 def build_improved(*, reading: str = "H1", exponent: float | None = DEFAULT_EXPONENT) -> FrictionLaw:
@@ -416,19 +306,22 @@ def build_improved(*, reading: str = "H1", exponent: float | None = DEFAULT_EXPO
         KeyError: there is no such reading.
     """
     free = " gamma" if exponent is None else ""
-    suffix = {"H1": "", "H2": "-h2", "H3": "-h3", "H4": "-h4"}[reading]
-    edge = {"H1": " dq0", "H2": " dq0", "H3": "", "H4": " dqs"}[reading]
+    chosen = _READINGS[reading]
     if reading in {"H1", "H2"}:
         find = partial(columns.compute_improved_columns, exponent=exponent, bias_everywhere=reading == "H1")
     else:
         find = partial(columns.compute_shifted_columns, exponent=exponent, shifted=reading == "H4")
+    curve = f"g(v) = fC + (fS - fC) exp(-{_write_power('(|v| / vs)', exponent)}) + fV |v|"
     return build_law(
-        _name_exponent(f"improved-stribeck{suffix}", exponent),
+        _name_exponent(f"improved-stribeck{chosen.suffix}", exponent),
         "Fv Fc Fs Fp",
-        f"vs{edge}{free}",
-        f"fC fS vs{free} fV fP{edge}",
-        describe_improved(reading, exponent),
+        f"vs{chosen.edge}{free}",
+        f"fC fS vs{free} fV fP{chosen.edge}",
         find=find,
+        formula=f"{chosen.formula}; {curve}",
+        source=f"reading {reading}, {_ZHANG}",
+        smoothness=chosen.smoothness,
+        passivity=chosen.passivity,
         resistive=partial(_is_improved_resistive, shifted=reading == "H4"),
     )
 
@@ -440,42 +333,36 @@ def _is_improved_resistive(values: Mapping[str, float], *, shifted: bool) -> boo
 def build_asymmetric_stribeck(*, exponent: float | None = DEFAULT_EXPONENT, bumps: int = 1) -> FrictionLaw:
     """Return Stribeck friction by direction, the fall the same in both (1 bump) or not (2)."""
     free = " gamma" if exponent is None else ""
-    one = bumps == 1
+    one, fall = bumps == 1, _write_fall(exponent)
+    parts = ("fE", "fE") if one else ("(fSp - fCp)", "(fSn - fCn)")
     return build_law(
         _name_exponent("asymmetric-stribeck" if one else "asymmetric-stribeck-both", exponent),
         "Fvp Fcp Fvn Fcn Fs" if one else "Fvp Fcp Fsp Fvn Fcn Fsn",
         f"vs{free}",
         f"fCp fVp fCn fVn fE vs{free}" if one else f"fCp fSp fVp fCn fSn fVn vs{free}",
-        describe_asymmetric_stribeck(exponent, bumps),
         find=partial(columns.compute_asymmetric_stribeck_columns, exponent=exponent, bumps=bumps),
-        resistive=are_resistive,
-    )
-
-
-def build_makkar() -> FrictionLaw:
-    """Return the law of Makkar, smooth everywhere."""
-    return build_law(
-        "makkar",
-        "Fm Fc Fv",
-        "g2 g3 g5",
-        "fM g2 g3 fC g5 fV",
-        MAKKAR,
-        find=columns.compute_makkar_columns,
-        resistive=_is_makkar_resistive,
+        formula=f"fCp + {parts[0]} {fall} + fVp dq for dq > 0, -fCn - {parts[1]} {fall} + fVn dq for dq < 0",
+        source=_get_stribeck_source(exponent) + "; by direction as EMPS",
     )
 
 
 def build_load_dependent(*, exponent: float | None = None, falls: bool = False) -> FrictionLaw:
     """Return friction in proportion to the load; with `falls`, static friction too is more under load."""
     free = " gamma" if falls and exponent is None else ""
+    fall = _write_fall(exponent)
+    formula = "(fC + fL |load|) sign(dq) + fV dq"
+    source = "Bittencourt, Gunnarsson, J. Dyn. Sys. Meas. Control 134 (2012) 051013"
+    if falls:
+        formula = f"[fC + fL |load| + (fS - fC + (fLS - fL) |load|) {fall}] sign(dq) + fV dq"
+        source += ", without temperature"
     return build_law(
         _name_exponent("load-dependent-stribeck", exponent) if falls else "load-dependent",
         "Fv Fc Fl Fs Fls" if falls else "Fv Fc Fl",
         f"vs{free}" if falls else "",
         f"fC fS vs{free} fV fL fLS" if falls else "fC fV fL",
-        describe_load_dependent(exponent, falls=falls),
         find=partial(columns.compute_load_dependent_columns, exponent=exponent, falls=falls),
-        resistive=are_resistive,
+        formula=formula,
+        source=source,
         inputs=("velocity", "load"),
     )
 
@@ -493,13 +380,21 @@ def build_position_dependent(
     ending = "" if orders == (1, 2) and gear == 1.0 else f"-{','.join(map(str, orders))}"
     ending += "" if gear == 1.0 else f"x{gear:.12g}"
     waves = [wave for order in orders for wave in build_wave_parameters(order)]
+    series = "sum_k [Ak cos(k theta) + Bk sin(k theta)]"
+    formula = f"fC sign(dq) + fV dq + {series}, theta: angle of the motor"
+    passivity = "The waves push and brake in turn, and do no work over a turn; the rest never pushes."
+    if dry:
+        formula = f"[fC + {series}] sign(dq) + fV dq, theta: angle of the motor"
+        passivity = "Never pushes where fC is at least the sum of all |Ak|, |Bk|, and fV is not negative."
     return build_law(
         f"position-{'dependent' if dry else 'torque'}{ending}",
         "Fv Fc",
         "",
         "fC fV",
-        describe_position_dependent(dry=dry),
         find=partial(columns.compute_position_dependent_columns, orders=orders, gear=gear, dry=dry),
+        formula=formula,
+        source="Fourier series of the motor's angle",
+        passivity=passivity,
         resistive=partial(_is_wave_resistive, dry=dry),
         inputs=("velocity", "position"),
         further=tuple((wave, wave) for wave in waves),
@@ -548,9 +443,9 @@ def _list_laws() -> tuple[FrictionLaw, ...]:
             "Fv Fc Fs",
             "vs",
             "fC fS vs fV",
-            LORENTZIAN,
             find=columns.compute_lorentzian_columns,
-            resistive=are_resistive,
+            formula="[fC + (fS - fC) / (1 + (dq / vs)^2)] sign(dq) + fV dq",
+            source="Hess, Soom, Journal of Tribology 112 (1990) 147-152",
         ),
         *(build_improved(reading=reading) for reading in ("H1", "H2", "H3", "H4")),
         build_improved(exponent=None),
@@ -562,11 +457,24 @@ def _list_laws() -> tuple[FrictionLaw, ...]:
             "Fc Fd",
             "delta",
             "fC fD delta",
-            POWER_LAW,
             find=columns.compute_power_law_columns,
-            resistive=are_resistive,
+            formula="fC sign(dq) + fD |dq|^delta sign(dq)",
+            source="a power of the velocity, as in Wolf, Iskandar, ICRA 2018",
+            smoothness="Jumps at zero velocity, where for delta < 1 its slope grows without bound; "
+            "smooth elsewhere.",
         ),
-        build_makkar(),
+        build_law(
+            "makkar",
+            "Fm Fc Fv",
+            "g2 g3 g5",
+            "fM g2 g3 fC g5 fV",
+            find=columns.compute_makkar_columns,
+            formula="fM [tanh(g2 dq) - tanh(g3 dq)] + fC tanh(g5 dq) + fV dq",
+            source="Makkar, Dixon, Sawyer, Hu, AIM 2005, 600-605",
+            smoothness="Smooth in the velocity and in all parameters.",
+            passivity="Never pushes where no coefficient is negative and g2 >= g3.",
+            resistive=_is_makkar_resistive,
+        ),
         build_load_dependent(),
         build_load_dependent(falls=True, exponent=DEFAULT_EXPONENT),
         build_position_dependent(),
@@ -582,13 +490,19 @@ def _list_plain() -> tuple[FrictionLaw, ...]:
         "Fv Fc",
         "",
         "fC fV",
-        COULOMB_VISCOUS,
         find=columns.compute_coulomb_viscous_columns,
-        resistive=are_resistive,
+        formula="fC sign(dq) + fV dq",
+        source="Coulomb (1785), Reynolds (1886)",
     )
     return (
         build_law(
-            "coulomb", "Fc", "", "fC", COULOMB, find=columns.compute_coulomb_columns, resistive=are_resistive
+            "coulomb",
+            "Fc",
+            "",
+            "fC",
+            find=columns.compute_coulomb_columns,
+            formula="fC sign(dq)",
+            source="Coulomb (1785)",
         ),
         viscous,
         replace(with_offset(viscous), name="coulomb-viscous-offset"),
@@ -597,9 +511,9 @@ def _list_plain() -> tuple[FrictionLaw, ...]:
             "Fvp Fcp Fvn Fcn",
             "",
             "fCp fVp fCn fVn",
-            ASYMMETRIC,
             find=columns.compute_asymmetric_columns,
-            resistive=are_resistive,
+            formula="fCp + fVp dq for dq > 0, -fCn + fVn dq for dq < 0",
+            source="Janot, Gautier, Brunot, data set and reference models of EMPS (2019)",
         ),
     )
 

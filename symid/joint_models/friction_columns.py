@@ -18,238 +18,50 @@ Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30 (1994) 1083-1138.
 Supported: every law of `friction_catalogue`; for the derivatives by vs an exponent of two only.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from collections.abc import Mapping, Sequence
+from typing import TypeVar
 
-from symid.joint_models.carriers import Operators
-from symid.joint_models.friction_law import FrictionCarrier, LawColumns
+from symid.joint_models.carriers import Carrier, smooth
+from symid.joint_models.friction_law import LawColumns
 
 V = TypeVar("V")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StribeckParameter:
-    """A parameter of the model: name, LaTeX, SI units, meaning, and the values that it may take."""
-
-    name: str
-    latex: str
-    unit: str
-    unit_prismatic: str
-    meaning: str
-    lower: float
-    lower_is_allowed: bool
-
-
-STRIBECK_PARAMETERS = (
-    StribeckParameter(
-        name="Fs",
-        latex="F_s",
-        unit="N m",
-        unit_prismatic="N",
-        meaning="static friction beyond Coulomb friction",
-        lower=0.0,
-        lower_is_allowed=True,
-    ),
-    StribeckParameter(
-        name="vs",
-        latex="v_s",
-        unit="rad/s",
-        unit_prismatic="m/s",
-        meaning="Stribeck velocity",
-        lower=0.0,
-        lower_is_allowed=False,
-    ),
-)
-
-
-class DecayAlgebra(Protocol[V]):
-    """What the fall of dry friction uses of a carrier."""
-
-    def mul(self, left: V, right: V) -> V:
-        """Return left * right."""
-
-    def div(self, left: V, right: V) -> V:
-        """Return left / right."""
-
-    def scale(self, factor: float, value: V) -> V:
-        """Return factor * value."""
-
-    def exp(self, value: V) -> V:
-        """Return the exponential."""
-
-
-class StribeckAlgebra(DecayAlgebra[V], Protocol[V]):
-    """What the model uses of a carrier."""
-
-    def add(self, left: V, right: V) -> V:
-        """Return left + right."""
-
-    def sign(self, value: V) -> V:
-        """Return -1, 0 or 1."""
-
-    def tanh(self, value: V) -> V:
-        """Return the hyperbolic tangent."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StribeckCarrier(Operators[V]):
-    """A carrier whose numbers have the usual operators; its functions are given.
-
-    `math.exp`, `math.tanh` serve floats, those of NumPy arrays, those of SymPy and CasADi expressions.
-    """
-
-    exp: Callable[[V], V]
-    sign: Callable[[V], V]
-    tanh: Callable[[V], V]
-
-
-def compute_gaussian_decay(algebra: DecayAlgebra[V], velocity: V, speed: V) -> V:
+def compute_gaussian_decay(carrier: Carrier[V], velocity: V, speed: V) -> V:
     """Return exp(-(v / vs)^2), speed vs > 0."""
-    ratio = algebra.div(velocity, speed)
-    return algebra.exp(algebra.scale(-1.0, algebra.mul(ratio, ratio)))
+    ratio = carrier.div(velocity, speed)
+    return carrier.exp(carrier.scale(-1.0, carrier.mul(ratio, ratio)))
 
 
-def compute_stribeck_shape(algebra: StribeckAlgebra[V], velocity: V, speed: V, smoothing: float = 0.0) -> V:
-    """Return g(v), the friction for Fs = 1.
+def compute_stribeck_derivatives(
+    carrier: Carrier[V], velocity: V, speed: V, smoothing: float = 0.0
+) -> tuple[V, V, V]:
+    """Return g, the friction for Fs = 1, dg/dvs and d2g/dvs2.
 
     Args:
-        algebra: of the carrier.
+        carrier: of the numbers.
         velocity: of the motor, rad/s or m/s.
         speed: vs > 0, rad/s or m/s.
         smoothing: v0 in rad/s or m/s; 0 for the plain sign.
     """
-    fall = compute_gaussian_decay(algebra, velocity, speed)
-    if smoothing > 0.0:
-        return algebra.mul(fall, algebra.tanh(algebra.scale(1.0 / smoothing, velocity)))
-    return algebra.mul(fall, algebra.sign(velocity))
-
-
-def compute_stribeck_friction(
-    algebra: StribeckAlgebra[V], velocity: V, excess: V, speed: V, smoothing: float = 0.0
-) -> V:
-    """Return Fs g(v), N m or N; `excess` Fs >= 0, the rest as in `compute_stribeck_shape`."""
-    return algebra.mul(excess, compute_stribeck_shape(algebra, velocity, speed, smoothing))
-
-
-def compute_stribeck_derivatives(
-    algebra: StribeckAlgebra[V], velocity: V, speed: V, smoothing: float = 0.0
-) -> tuple[V, V, V]:
-    """Return g, dg/dvs and d2g/dvs2."""
-    shape = compute_stribeck_shape(algebra, velocity, speed, smoothing)
-    ratio = algebra.div(velocity, speed)
-    square = algebra.mul(ratio, ratio)
-    first = algebra.div(algebra.mul(algebra.scale(2.0, square), shape), speed)
-    bend = algebra.add(algebra.scale(4.0, algebra.mul(square, square)), algebra.scale(-6.0, square))
-    second = algebra.div(algebra.mul(bend, shape), algebra.mul(speed, speed))
+    signed = smooth(carrier, smoothing) if smoothing > 0.0 else carrier
+    shape = carrier.mul(compute_gaussian_decay(carrier, velocity, speed), signed.sign(velocity))
+    ratio = carrier.div(velocity, speed)
+    square = carrier.mul(ratio, ratio)
+    first = carrier.div(carrier.mul(carrier.scale(2.0, square), shape), speed)
+    bend = carrier.add(carrier.scale(4.0, carrier.mul(square, square)), carrier.scale(-6.0, square))
+    second = carrier.div(carrier.mul(bend, shape), carrier.mul(speed, speed))
     return shape, first, second
 
 
 _GAUSSIAN = 2.0
 
 
-class BasicCarrier(Protocol[V]):
-    """What piecewise linear friction uses of its numbers."""
-
-    @property
-    def one(self) -> V:
-        """Return one."""
-
-    def add(self, left: V, right: V) -> V:
-        """Return left + right."""
-
-    def sub(self, left: V, right: V) -> V:
-        """Return left - right."""
-
-    def scale(self, factor: float, value: V) -> V:
-        """Return factor * value."""
-
-    def sign(self, value: V) -> V:
-        """Return -1, 0 or 1."""
-
-    def absolute(self, value: V) -> V:
-        """Return |value|."""
-
-
-@dataclass(frozen=True, slots=True)
-class SmoothedFriction(Generic[V]):
-    """A carrier in which sign(v) is tanh(v / v0): dry friction that changes its sign over a speed v0."""
-
-    carrier: FrictionCarrier[V]
-    speed: float
-
-    @property
-    def zero(self) -> V:
-        """Return zero."""
-        return self.carrier.zero
-
-    @property
-    def one(self) -> V:
-        """Return one."""
-        return self.carrier.one
-
-    def add(self, left: V, right: V) -> V:
-        """Return left + right."""
-        return self.carrier.add(left, right)
-
-    def sub(self, left: V, right: V) -> V:
-        """Return left - right."""
-        return self.carrier.sub(left, right)
-
-    def mul(self, left: V, right: V) -> V:
-        """Return left * right."""
-        return self.carrier.mul(left, right)
-
-    def div(self, left: V, right: V) -> V:
-        """Return left / right."""
-        return self.carrier.div(left, right)
-
-    def scale(self, factor: float, value: V) -> V:
-        """Return factor * value."""
-        return self.carrier.scale(factor, value)
-
-    def exp(self, value: V) -> V:
-        """Return the exponential."""
-        return self.carrier.exp(value)
-
-    def tanh(self, value: V) -> V:
-        """Return the hyperbolic tangent."""
-        return self.carrier.tanh(value)
-
-    def sin(self, value: V) -> V:
-        """Return the sine."""
-        return self.carrier.sin(value)
-
-    def cos(self, value: V) -> V:
-        """Return the cosine."""
-        return self.carrier.cos(value)
-
-    def sign(self, value: V) -> V:
-        """Return tanh(value / v0)."""
-        return self.carrier.tanh(self.carrier.scale(1.0 / self.speed, value))
-
-    def absolute(self, value: V) -> V:
-        """Return |value|."""
-        return self.carrier.absolute(value)
-
-    def maximum(self, left: V, right: V) -> V:
-        """Return the greater of two."""
-        return self.carrier.maximum(left, right)
-
-    def minimum(self, left: V, right: V) -> V:
-        """Return the smaller of two."""
-        return self.carrier.minimum(left, right)
-
-    def power(self, base: V, exponent: V) -> V:
-        """Return base^exponent."""
-        return self.carrier.power(base, exponent)
-
-
 Inputs = Mapping[str, V]
 
 
 def smooth_columns(
-    carrier: FrictionCarrier[V],
+    carrier: Carrier[V],
     inputs: Inputs[V],
     shape: Sequence[V],
     *,
@@ -257,17 +69,17 @@ def smooth_columns(
     speed: float,
 ) -> tuple[V, ...]:
     """Return the columns of a law with tanh(v / speed) in place of the sign."""
-    return columns(SmoothedFriction(carrier, speed), inputs, shape)
+    return columns(smooth(carrier, speed), inputs, shape)
 
 
 def append_constant(
-    carrier: FrictionCarrier[V], inputs: Inputs[V], shape: Sequence[V], *, columns: LawColumns[V]
+    carrier: Carrier[V], inputs: Inputs[V], shape: Sequence[V], *, columns: LawColumns[V]
 ) -> tuple[V, ...]:
     """Return the columns of a law and the constant one."""
     return (*columns(carrier, inputs, shape), carrier.one)
 
 
-def split_by_direction(carrier: BasicCarrier[V], velocity: V) -> tuple[V, V, V, V]:
+def split_by_direction(carrier: Carrier[V], velocity: V) -> tuple[V, V, V, V]:
     """Return velocity and sign of forward motion, then of backward motion; zero in the other one."""
     size, sign = carrier.absolute(velocity), carrier.sign(velocity)
     # sign^2 is |sign|: one away from standstill, zero at it.
@@ -280,29 +92,25 @@ def split_by_direction(carrier: BasicCarrier[V], velocity: V) -> tuple[V, V, V, 
     )
 
 
-def compute_coulomb_columns(
-    carrier: FrictionCarrier[V], inputs: Inputs[V], _shape: Sequence[V]
-) -> tuple[V, ...]:
+def compute_coulomb_columns(carrier: Carrier[V], inputs: Inputs[V], _shape: Sequence[V]) -> tuple[V, ...]:
     """Return sign(v)."""
     return (carrier.sign(inputs["velocity"]),)
 
 
 def compute_coulomb_viscous_columns(
-    carrier: FrictionCarrier[V], inputs: Inputs[V], _shape: Sequence[V]
+    carrier: Carrier[V], inputs: Inputs[V], _shape: Sequence[V]
 ) -> tuple[V, ...]:
     """Return v, sign(v)."""
     return inputs["velocity"], carrier.sign(inputs["velocity"])
 
 
-def compute_asymmetric_columns(
-    carrier: FrictionCarrier[V], inputs: Inputs[V], _shape: Sequence[V]
-) -> tuple[V, ...]:
+def compute_asymmetric_columns(carrier: Carrier[V], inputs: Inputs[V], _shape: Sequence[V]) -> tuple[V, ...]:
     """Return velocity and sign by direction."""
     return split_by_direction(carrier, inputs["velocity"])
 
 
 def compute_decay(
-    carrier: FrictionCarrier[V], size: V, shape: Sequence[V], exponent: float | None, *, is_positive: bool
+    carrier: Carrier[V], size: V, shape: Sequence[V], exponent: float | None, *, is_positive: bool
 ) -> V:
     """Return exp(-|size / vs|^gamma), vs the first shape value.
 
@@ -325,7 +133,7 @@ def compute_decay(
 
 
 def compute_stribeck_columns(
-    carrier: FrictionCarrier[V],
+    carrier: Carrier[V],
     inputs: Inputs[V],
     shape: Sequence[V],
     *,
@@ -339,7 +147,7 @@ def compute_stribeck_columns(
     return velocity, sign, carrier.mul(fall, sign), *_compute_powers(carrier, velocity, orders)
 
 
-def _compute_powers(carrier: FrictionCarrier[V], velocity: V, orders: Sequence[int]) -> tuple[V, ...]:
+def _compute_powers(carrier: Carrier[V], velocity: V, orders: Sequence[int]) -> tuple[V, ...]:
     """Return |v|^(k-1) v for each order k, by products."""
     result, power, size = {1: velocity}, velocity, carrier.absolute(velocity)
     for order in range(2, max(orders, default=1) + 1):
@@ -349,16 +157,14 @@ def _compute_powers(carrier: FrictionCarrier[V], velocity: V, orders: Sequence[i
 
 
 def compute_polynomial_columns(
-    carrier: FrictionCarrier[V], inputs: Inputs[V], _shape: Sequence[V], *, orders: tuple[int, ...]
+    carrier: Carrier[V], inputs: Inputs[V], _shape: Sequence[V], *, orders: tuple[int, ...]
 ) -> tuple[V, ...]:
     """Return v, sign(v), |v|^(k-1) v for further orders k."""
     velocity = inputs["velocity"]
     return velocity, carrier.sign(velocity), *_compute_powers(carrier, velocity, orders)
 
 
-def compute_lorentzian_columns(
-    carrier: FrictionCarrier[V], inputs: Inputs[V], shape: Sequence[V]
-) -> tuple[V, ...]:
+def compute_lorentzian_columns(carrier: Carrier[V], inputs: Inputs[V], shape: Sequence[V]) -> tuple[V, ...]:
     """Return v, sign(v), sign(v) / (1 + (v / vs)^2)."""
     velocity = inputs["velocity"]
     sign, ratio = carrier.sign(velocity), carrier.div(velocity, shape[0])
@@ -367,7 +173,7 @@ def compute_lorentzian_columns(
 
 
 def compute_asymmetric_stribeck_columns(
-    carrier: FrictionCarrier[V],
+    carrier: Carrier[V],
     inputs: Inputs[V],
     shape: Sequence[V],
     *,
@@ -384,7 +190,7 @@ def compute_asymmetric_stribeck_columns(
 
 
 def compute_improved_columns(
-    carrier: FrictionCarrier[V],
+    carrier: Carrier[V],
     inputs: Inputs[V],
     shape: Sequence[V],
     *,
@@ -409,7 +215,7 @@ def compute_improved_columns(
 
 
 def compute_shifted_columns(
-    carrier: FrictionCarrier[V],
+    carrier: Carrier[V],
     inputs: Inputs[V],
     shape: Sequence[V],
     *,
@@ -424,18 +230,14 @@ def compute_shifted_columns(
     return *columns, carrier.one
 
 
-def compute_power_law_columns(
-    carrier: FrictionCarrier[V], inputs: Inputs[V], shape: Sequence[V]
-) -> tuple[V, ...]:
+def compute_power_law_columns(carrier: Carrier[V], inputs: Inputs[V], shape: Sequence[V]) -> tuple[V, ...]:
     """Return sign(v), |v|^delta sign(v)."""
     velocity = inputs["velocity"]
     sign = carrier.sign(velocity)
     return sign, carrier.mul(carrier.power(carrier.absolute(velocity), shape[0]), sign)
 
 
-def compute_makkar_columns(
-    carrier: FrictionCarrier[V], inputs: Inputs[V], shape: Sequence[V]
-) -> tuple[V, ...]:
+def compute_makkar_columns(carrier: Carrier[V], inputs: Inputs[V], shape: Sequence[V]) -> tuple[V, ...]:
     """Return tanh(g2 v) - tanh(g3 v), tanh(g5 v), v."""
     velocity = inputs["velocity"]
     rise, fall, dry = (carrier.tanh(carrier.mul(slope, velocity)) for slope in shape)
@@ -443,7 +245,7 @@ def compute_makkar_columns(
 
 
 def compute_load_dependent_columns(
-    carrier: FrictionCarrier[V],
+    carrier: Carrier[V],
     inputs: Inputs[V],
     shape: Sequence[V],
     *,
@@ -461,7 +263,7 @@ def compute_load_dependent_columns(
 
 
 def compute_position_dependent_columns(
-    carrier: FrictionCarrier[V],
+    carrier: Carrier[V],
     inputs: Inputs[V],
     _shape: Sequence[V],
     *,

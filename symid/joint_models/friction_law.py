@@ -14,126 +14,16 @@ Not supported: laws with a state, such as Dahl and LuGre (`dynamic_friction`).
 """
 
 import math
-import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 from symid.arrays import FloatArray
-from symid.joint_models.carriers import DualFriction, Operators, build_dual_variables
+from symid.joint_models.carriers import Carrier, DualFriction, build_dual_variables, build_numpy_carrier
 
 V = TypeVar("V")
-
-
-class FrictionCarrier(Protocol[V]):
-    """What a friction law may use of its numbers."""
-
-    @property
-    def zero(self) -> V:
-        """Return zero."""
-
-    @property
-    def one(self) -> V:
-        """Return one."""
-
-    def add(self, left: V, right: V) -> V:
-        """Return left + right."""
-
-    def sub(self, left: V, right: V) -> V:
-        """Return left - right."""
-
-    def mul(self, left: V, right: V) -> V:
-        """Return left * right."""
-
-    def div(self, left: V, right: V) -> V:
-        """Return left / right."""
-
-    def scale(self, factor: float, value: V) -> V:
-        """Return factor * value."""
-
-    def exp(self, value: V) -> V:
-        """Return the exponential."""
-
-    def tanh(self, value: V) -> V:
-        """Return the hyperbolic tangent."""
-
-    def sin(self, value: V) -> V:
-        """Return the sine."""
-
-    def cos(self, value: V) -> V:
-        """Return the cosine."""
-
-    def sign(self, value: V) -> V:
-        """Return -1, 0 or 1."""
-
-    def absolute(self, value: V) -> V:
-        """Return |value|."""
-
-    def maximum(self, left: V, right: V) -> V:
-        """Return the greater of two."""
-
-    def minimum(self, left: V, right: V) -> V:
-        """Return the smaller of two."""
-
-    def power(self, base: V, exponent: V) -> V:
-        """Return base^exponent for base >= 0, exponent > 0."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OperatorFriction(Operators[V]):
-    """A carrier whose numbers have the operators + - * / and **; the other functions are given."""
-
-    zero: V
-    one: V
-    exp: Callable[[V], V]
-    tanh: Callable[[V], V]
-    sin: Callable[[V], V]
-    cos: Callable[[V], V]
-    sign: Callable[[V], V]
-    absolute: Callable[[V], V]
-    maximum: Callable[[V, V], V]
-    minimum: Callable[[V, V], V]
-    power: Callable[[V, V], V] = operator.pow
-
-
-def _compute_sign(value: float) -> float:
-    return math.copysign(1.0, value) if value else 0.0
-
-
-def build_float_carrier() -> OperatorFriction[float]:
-    """Return the carrier of Python floats."""
-    return OperatorFriction(
-        zero=0.0,
-        one=1.0,
-        exp=math.exp,
-        tanh=math.tanh,
-        sin=math.sin,
-        cos=math.cos,
-        sign=_compute_sign,
-        absolute=abs,
-        maximum=max,
-        minimum=min,
-        power=math.pow,
-    )
-
-
-def build_numpy_carrier() -> OperatorFriction[FloatArray]:
-    """Return the carrier of NumPy arrays, which may have any shapes that broadcast."""
-    return OperatorFriction(
-        zero=np.zeros(()),
-        one=np.ones(()),
-        exp=np.exp,
-        tanh=np.tanh,
-        sin=np.sin,
-        cos=np.cos,
-        sign=np.sign,
-        absolute=np.abs,
-        maximum=np.maximum,
-        minimum=np.minimum,
-        power=np.power,
-    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -155,7 +45,46 @@ class LawParameter:
     lower_is_allowed: bool = True
 
 
-LawColumns = Callable[[FrictionCarrier[V], Mapping[str, V], Sequence[V]], tuple[V, ...]]
+_UNITS = {
+    "stiffness": ("N m/rad", "N/m"),
+    "level": ("N m", "N"),
+    "viscous": ("N m s/rad", "N s/m"),
+    "speed": ("rad/s", "m/s"),
+    "slope": ("s/rad", "s/m"),
+    "number": ("1", "1"),
+}
+
+
+def build_parameter(  # noqa: PLR0917 - one row of a table
+    name: str,
+    latex: str,
+    kind: str,
+    meaning: str,
+    lower: float = 0.0,
+    upper: float = math.inf,
+    start: float | None = None,
+    *,
+    allowed: bool = True,
+) -> LawParameter:
+    """Return a parameter of a kind: "stiffness", "level", "viscous", "speed", "slope" or "number".
+
+    `allowed` says whether the lower bound itself is.
+    """
+    unit, unit_prismatic = _UNITS[kind]
+    return LawParameter(
+        name=name,
+        latex=latex,
+        unit=unit,
+        unit_prismatic=unit_prismatic,
+        meaning=meaning,
+        lower=lower,
+        upper=upper,
+        start=start,
+        lower_is_allowed=allowed,
+    )
+
+
+LawColumns = Callable[[Carrier[V], Mapping[str, V], Sequence[V]], tuple[V, ...]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

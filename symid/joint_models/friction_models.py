@@ -18,8 +18,9 @@ from fractions import Fraction
 from functools import cache
 from itertools import product
 from math import prod
-from typing import TypeVar, cast
+from typing import TypeVar
 
+from symid.joint_models.carriers import Carrier, OperatorCarrier, smooth
 from symid.joint_models.friction_catalogue import (
     FRICTION_LAWS,
     build_asymmetric_stribeck,
@@ -27,13 +28,16 @@ from symid.joint_models.friction_catalogue import (
     build_stribeck,
     with_offset,
 )
-from symid.joint_models.friction_columns import (
-    SmoothedFriction,
-    compute_asymmetric_columns,
-    compute_coulomb_viscous_columns,
+from symid.joint_models.friction_columns import compute_asymmetric_columns, compute_coulomb_viscous_columns
+from symid.joint_models.friction_law import LawColumns
+from symid.robot import (
+    FRICTION_PARAMETERS,
+    FRICTION_SHAPES,
+    CurvedFriction,
+    FrictionKind,
+    FrictionValues,
+    Robot,
 )
-from symid.joint_models.friction_law import FrictionCarrier, LawColumns
-from symid.robot import CurvedFriction, FrictionKind, FrictionValues, Robot
 
 V = TypeVar("V")
 _FALL = "Fe exp(-|dq/vs|^gamma)"
@@ -45,22 +49,27 @@ class FrictionModel:
     """A friction model of robot files.
 
     Args:
-        kind: its name. parameters: theirs (see `notation`), one a column.
+        kind: its name, which says parameters and shape values too.
         build: from the exponent gamma, where the model has one, the columns of its law.
-        shape: names of the constants of the robot, gamma last where the model has one.
         own: parameters whose columns are no sum of v, |v|, sign(v) and one.
     """
 
     kind: Kind
-    parameters: tuple[str, ...]
     build: Callable[[float], LawColumns]  # type: ignore[type-arg]
     formula: str
-    shape: tuple[str, ...] = ()
     own: tuple[str, ...] = ()
 
-    def find_columns(
-        self, carrier: FrictionCarrier[V], velocity: V, shape: tuple[float, ...] = ()
-    ) -> tuple[V, ...]:
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Return the names of its parameters (see `notation`), one a column."""
+        return FRICTION_PARAMETERS[self.kind]
+
+    @property
+    def shape(self) -> tuple[str, ...]:
+        """Return the names of the constants of the robot, gamma last where the model has one."""
+        return tuple(key.name for key in FRICTION_SHAPES.get(self.kind, ()))
+
+    def find_columns(self, carrier: Carrier[V], velocity: V, shape: tuple[float, ...] = ()) -> tuple[V, ...]:
         """Return one column per parameter at `velocity`, for the values of `shape`."""
         named = dict(zip(self.shape, shape, strict=True))
         exponent = named.pop("gamma", 2.0)
@@ -68,126 +77,84 @@ class FrictionModel:
         return self.build(exponent)(carrier, {"velocity": velocity}, values)
 
 
-def compute_friction_columns(
-    friction: FrictionValues, algebra: FrictionCarrier[V], velocity: V
-) -> tuple[V, ...]:
+def compute_friction_columns(friction: FrictionValues, algebra: Carrier[V], velocity: V) -> tuple[V, ...]:
     """Return one column per parameter of a joint's friction model, at `velocity` (rad/s or m/s)."""
-    model = FRICTION_MODELS[friction.kind]
-    if friction.smoothing > 0.0:
-        return model.find_columns(SmoothedFriction(algebra, friction.smoothing), velocity, friction.shape)
-    return model.find_columns(algebra, velocity, friction.shape)
+    carrier = smooth(algebra, friction.smoothing) if friction.smoothing > 0.0 else algebra
+    return FRICTION_MODELS[friction.kind].find_columns(carrier, velocity, friction.shape)
 
 
-def _compute_no_columns(
-    _carrier: FrictionCarrier[V], _inputs: Mapping[str, V], _shape: object
-) -> tuple[V, ...]:
+def _compute_no_columns(_carrier: Carrier[V], _inputs: Mapping[str, V], _shape: object) -> tuple[V, ...]:
     return ()
 
 
-def _list_linear() -> tuple[FrictionModel, ...]:
-    return (
-        FrictionModel(
-            kind=FrictionKind.NONE,
-            parameters=(),
-            build=lambda _gamma: _compute_no_columns,
-            formula="0",
-        ),
-        FrictionModel(
-            kind=FrictionKind.VISCOUS_COULOMB,
-            parameters=("Fv", "Fc"),
-            build=lambda _gamma: compute_coulomb_viscous_columns,
-            formula="Fv dq + Fc sign(dq)",
-        ),
-        FrictionModel(
-            kind=FrictionKind.VISCOUS_COULOMB_OFFSET,
-            parameters=("Fv", "Fc", "offset"),
-            build=lambda _gamma: FRICTION_LAWS["coulomb-viscous-offset"].columns,
-            formula="Fv dq + Fc sign(dq) + offset",
-        ),
-        FrictionModel(
-            kind=FrictionKind.ASYMMETRIC,
-            parameters=("Fvp", "Fcp", "Fvn", "Fcn"),
-            build=lambda _gamma: compute_asymmetric_columns,
-            formula="Fvp dq + Fcp for dq > 0, Fvn dq - Fcn for dq < 0",
-        ),
-    )
-
-
-def _list_curved() -> tuple[FrictionModel, ...]:
-    return (
-        FrictionModel(
-            kind=CurvedFriction.STRIBECK,
-            parameters=("Fv", "Fc", "Fe"),
-            build=lambda gamma: build_stribeck(exponent=gamma).columns,
-            formula=f"Fv dq + [Fc + {_FALL}] sign(dq)",
-            shape=("vs", "gamma"),
-            own=("Fe",),
-        ),
-        FrictionModel(
-            kind=CurvedFriction.STRIBECK_OFFSET,
-            parameters=("Fv", "Fc", "Fe", "offset"),
-            build=lambda gamma: with_offset(build_stribeck(exponent=gamma)).columns,
-            formula=f"Fv dq + [Fc + {_FALL}] sign(dq) + offset",
-            shape=("vs", "gamma"),
-            own=("Fe",),
-        ),
-        FrictionModel(
-            kind=CurvedFriction.IMPROVED_STRIBECK,
-            parameters=("Fv", "Fc", "Fe", "Fp"),
-            build=lambda gamma: build_improved(exponent=gamma).columns,
-            formula="Fv dq + [Fc + Fe exp(-(max(|dq|, dq0)/vs)^gamma)] clip(dq/dq0, -1, 1) + Fp",
-            shape=("vs", "dq0", "gamma"),
-            own=("Fc", "Fe"),
-        ),
-        FrictionModel(
-            kind=CurvedFriction.ASYMMETRIC_STRIBECK,
-            parameters=("Fvp", "Fcp", "Fvn", "Fcn", "Fe"),
-            build=lambda gamma: build_asymmetric_stribeck(exponent=gamma).columns,
-            formula=f"Fvp dq + Fcp for dq > 0, Fvn dq - Fcn for dq < 0, + {_FALL} sign(dq)",
-            shape=("vs", "gamma"),
-            own=("Fe",),
-        ),
-    )
-
-
-def _list_other_curved() -> tuple[FrictionModel, ...]:
-    return (
-        FrictionModel(
-            kind=CurvedFriction.CUBIC,
-            parameters=("Fv", "Fc", "Fvq", "Fvc"),
-            build=lambda _gamma: FRICTION_LAWS["cubic"].columns,
-            formula="Fv dq + Fc sign(dq) + Fvq |dq| dq + Fvc dq^3",
-            own=("Fvq", "Fvc"),
-        ),
-        FrictionModel(
-            kind=CurvedFriction.STRIBECK_CUBIC,
-            parameters=("Fv", "Fc", "Fe", "Fvq", "Fvc"),
-            build=lambda gamma: build_stribeck(exponent=gamma, orders=(2, 3)).columns,
-            formula=f"Fv dq + [Fc + {_FALL}] sign(dq) + Fvq |dq| dq + Fvc dq^3",
-            shape=("vs", "gamma"),
-            own=("Fe", "Fvq", "Fvc"),
-        ),
-        FrictionModel(
-            kind=CurvedFriction.POWER_LAW,
-            parameters=("Fc", "Fd"),
-            build=lambda _gamma: FRICTION_LAWS["power-law"].columns,
-            formula="[Fc + Fd |dq|^delta] sign(dq)",
-            shape=("delta",),
-            own=("Fd",),
-        ),
-        FrictionModel(
-            kind=CurvedFriction.MAKKAR,
-            parameters=("Fm", "Fc", "Fv"),
-            build=lambda _gamma: FRICTION_LAWS["makkar"].columns,
-            formula="Fm [tanh(g2 dq) - tanh(g3 dq)] + Fc tanh(g5 dq) + Fv dq",
-            shape=("g2", "g3", "g5"),
-            own=("Fm", "Fc"),
-        ),
-    )
-
+_ROWS: tuple[tuple[Kind, Callable[[float], LawColumns], str, tuple[str, ...]], ...] = (  # type: ignore[type-arg]
+    (FrictionKind.NONE, lambda _gamma: _compute_no_columns, "0", ()),
+    (FrictionKind.VISCOUS_COULOMB, lambda _gamma: compute_coulomb_viscous_columns, "Fv dq + Fc sign(dq)", ()),
+    (
+        FrictionKind.VISCOUS_COULOMB_OFFSET,
+        lambda _gamma: FRICTION_LAWS["coulomb-viscous-offset"].columns,
+        "Fv dq + Fc sign(dq) + offset",
+        (),
+    ),
+    (
+        FrictionKind.ASYMMETRIC,
+        lambda _gamma: compute_asymmetric_columns,
+        "Fvp dq + Fcp for dq > 0, Fvn dq - Fcn for dq < 0",
+        (),
+    ),
+    (
+        CurvedFriction.STRIBECK,
+        lambda gamma: build_stribeck(exponent=gamma).columns,
+        f"Fv dq + [Fc + {_FALL}] sign(dq)",
+        ("Fe",),
+    ),
+    (
+        CurvedFriction.STRIBECK_OFFSET,
+        lambda gamma: with_offset(build_stribeck(exponent=gamma)).columns,
+        f"Fv dq + [Fc + {_FALL}] sign(dq) + offset",
+        ("Fe",),
+    ),
+    (
+        CurvedFriction.IMPROVED_STRIBECK,
+        lambda gamma: build_improved(exponent=gamma).columns,
+        "Fv dq + [Fc + Fe exp(-(max(|dq|, dq0)/vs)^gamma)] clip(dq/dq0, -1, 1) + Fp",
+        ("Fc", "Fe"),
+    ),
+    (
+        CurvedFriction.ASYMMETRIC_STRIBECK,
+        lambda gamma: build_asymmetric_stribeck(exponent=gamma).columns,
+        f"Fvp dq + Fcp for dq > 0, Fvn dq - Fcn for dq < 0, + {_FALL} sign(dq)",
+        ("Fe",),
+    ),
+    (
+        CurvedFriction.CUBIC,
+        lambda _gamma: FRICTION_LAWS["cubic"].columns,
+        "Fv dq + Fc sign(dq) + Fvq |dq| dq + Fvc dq^3",
+        ("Fvq", "Fvc"),
+    ),
+    (
+        CurvedFriction.STRIBECK_CUBIC,
+        lambda gamma: build_stribeck(exponent=gamma, orders=(2, 3)).columns,
+        f"Fv dq + [Fc + {_FALL}] sign(dq) + Fvq |dq| dq + Fvc dq^3",
+        ("Fe", "Fvq", "Fvc"),
+    ),
+    (
+        CurvedFriction.POWER_LAW,
+        lambda _gamma: FRICTION_LAWS["power-law"].columns,
+        "[Fc + Fd |dq|^delta] sign(dq)",
+        ("Fd",),
+    ),
+    (
+        CurvedFriction.MAKKAR,
+        lambda _gamma: FRICTION_LAWS["makkar"].columns,
+        "Fm [tanh(g2 dq) - tanh(g3 dq)] + Fc tanh(g5 dq) + Fv dq",
+        ("Fm", "Fc"),
+    ),
+)
 
 FRICTION_MODELS: dict[Kind, FrictionModel] = {
-    model.kind: model for model in (*_list_linear(), *_list_curved(), *_list_other_curved())
+    kind: FrictionModel(kind=kind, build=build, formula=formula, own=own)
+    for kind, build, formula, own in _ROWS
 }
 
 
@@ -221,36 +188,19 @@ _ALONE = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class _Numbers:
-    """Rational numbers as the carrier of a friction model."""
-
-    @property
-    def one(self) -> Fraction:
-        return Fraction(1)
-
-    def add(self, left: Fraction, right: Fraction) -> Fraction:
-        return left + right
-
-    def sub(self, left: Fraction, right: Fraction) -> Fraction:
-        return left - right
-
-    def scale(self, factor: float, value: Fraction) -> Fraction:
-        return Fraction(factor) * value
-
-    def sign(self, value: Fraction) -> Fraction:
-        return Fraction((value > 0) - (value < 0))
-
-    def absolute(self, value: Fraction) -> Fraction:
-        return abs(value)
+_EXACT: OperatorCarrier[Fraction] = OperatorCarrier(
+    zero=Fraction(0),
+    one=Fraction(1),
+    scale=lambda factor, value: Fraction(factor) * value,
+    sign=lambda value: Fraction((value > 0) - (value < 0)),
+)
 
 
 @cache
 def _compute_linear_parts(kind: FrictionKind) -> dict[str, Parts]:
     """Return, for each parameter, the multiples of w, |w|, sign(w) and one in its column."""
     model = FRICTION_MODELS[kind]
-    carrier = cast("FrictionCarrier[Fraction]", _Numbers())
-    at = {w: model.find_columns(carrier, Fraction(w)) for w in (-2, -1, 1, 2)}
+    at = {w: model.find_columns(_EXACT, Fraction(w)) for w in (-2, -1, 1, 2)}
     result = {}
     for k, name in enumerate(model.parameters):
         odd = [(at[w][k] - at[-w][k]) / 2 for w in (1, 2)]

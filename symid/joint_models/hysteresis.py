@@ -22,59 +22,15 @@ slope.
 Not supported: the inverse of a cubic spring; elements in series with a damper.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, TypeVar
 
 from symid.errors import Notice, RobotError
-from symid.joint_models.carriers import Operators
+from symid.joint_models.carriers import Carrier
 from symid.robot import Elasticity, Knee, Stop
 
 V = TypeVar("V")
-
-
-class HysteresisAlgebra(Protocol[V]):
-    """What these definitions use of a carrier."""
-
-    @property
-    def zero(self) -> V:
-        """Return the number zero."""
-
-    @property
-    def one(self) -> V:
-        """Return the number one."""
-
-    def add(self, left: V, right: V) -> V:
-        """Return left + right."""
-
-    def sub(self, left: V, right: V) -> V:
-        """Return left - right."""
-
-    def mul(self, left: V, right: V) -> V:
-        """Return left * right."""
-
-    def div(self, left: V, right: V) -> V:
-        """Return left / right."""
-
-    def maximum(self, left: V, right: V) -> V:
-        """Return the greater of two."""
-
-    def minimum(self, left: V, right: V) -> V:
-        """Return the smaller of two."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OperatorCarrier(Operators[V]):
-    """A carrier whose numbers have the usual operators; its maximum and minimum are given.
-
-    `max` and `min` serve floats, fractions and mpmath, `numpy.maximum` and `numpy.minimum` arrays,
-    `sympy.Max` and `sympy.Min` expressions, `casadi.fmax` and `casadi.fmin` those of CasADi.
-    """
-
-    zero: V
-    one: V
-    maximum: Callable[[V, V], V]
-    minimum: Callable[[V, V], V]
 
 
 Terms = tuple[tuple[V, V], ...]
@@ -107,7 +63,7 @@ class Plays(Generic[V]):
     thresholds: tuple[V, ...]
 
 
-def compute_play(algebra: HysteresisAlgebra[V], value: V, threshold: V, memory: V) -> V:
+def compute_play(algebra: Carrier[V], value: V, threshold: V, memory: V) -> V:
     """Return the play of `threshold` after the input has gone to `value`, from `memory`.
 
     P = max(x - r, min(x + r, P before)).
@@ -117,12 +73,7 @@ def compute_play(algebra: HysteresisAlgebra[V], value: V, threshold: V, memory: 
     return algebra.maximum(lower, algebra.minimum(upper, memory))
 
 
-def compute_stop(algebra: HysteresisAlgebra[V], value: V, threshold: V, memory: V) -> V:
-    """Return the stop of `threshold`: what the play leaves of the input, E = x - P."""
-    return algebra.sub(value, compute_play(algebra, value, threshold, memory))
-
-
-def compute_outer_function(algebra: HysteresisAlgebra[V], value: V, above: Terms[V], below: Terms[V]) -> V:
+def compute_outer_function(algebra: Carrier[V], value: V, above: Terms[V], below: Terms[V]) -> V:
     """Return S(v) = v + sum_j s_j S_j(v) with one-sided dead zones S_j."""
     result = value
     for threshold, slope in above:
@@ -134,9 +85,7 @@ def compute_outer_function(algebra: HysteresisAlgebra[V], value: V, above: Terms
     return result
 
 
-def compute_spring_torque(
-    algebra: HysteresisAlgebra[V], spring: SpringTerms[V], torsion: V, plays: Sequence[V]
-) -> V:
+def compute_spring_torque(algebra: Carrier[V], spring: SpringTerms[V], torsion: V, plays: Sequence[V]) -> V:
     """Return tau = S(k0 phi + k3 phi^3 + sum_i k_i (phi - P_i)) for plays that are known."""
     linear = algebra.mul(spring.stiffness, torsion)
     if spring.cubic is not None:
@@ -148,7 +97,7 @@ def compute_spring_torque(
 
 
 def advance_spring(
-    algebra: HysteresisAlgebra[V], spring: SpringTerms[V], torsion: V, memory: Sequence[V]
+    algebra: Carrier[V], spring: SpringTerms[V], torsion: V, memory: Sequence[V]
 ) -> tuple[V, tuple[V, ...]]:
     """Return the torque after the torsion has gone to `torsion`, and the plays there.
 
@@ -164,7 +113,7 @@ def advance_spring(
 
 
 def advance_inverse_spring(
-    algebra: HysteresisAlgebra[V],
+    algebra: Carrier[V],
     inverse: tuple[Plays[V], Terms[V], Terms[V]],
     torque: V,
     memory: Sequence[V],
@@ -187,9 +136,7 @@ def advance_inverse_spring(
     return result, after
 
 
-def invert_spring(
-    algebra: HysteresisAlgebra[V], spring: SpringTerms[V]
-) -> tuple[Plays[V], Terms[V], Terms[V]]:
+def invert_spring(algebra: Carrier[V], spring: SpringTerms[V]) -> tuple[Plays[V], Terms[V], Terms[V]]:
     """Return the inverse of a spring: its plays, and the slopes of its outer function above and below.
 
     The outer function of the inverse comes first and has slope one at zero; then the plays:
@@ -204,7 +151,7 @@ def invert_spring(
     return plays, invert_outer_terms(algebra, spring.above), invert_outer_terms(algebra, spring.below)
 
 
-def invert_plays(algebra: HysteresisAlgebra[V], plays: Plays[V]) -> Plays[V]:
+def invert_plays(algebra: Carrier[V], plays: Plays[V]) -> Plays[V]:
     """Return the inverse of a sum of plays, itself a sum of plays.
 
     w'_0 = 1 / w_0, w'_i = -w_i / (W_i W_{i-1}), r'_i = sum_{j <= i} w_j (r_i - r_j), with the cumulative
@@ -223,7 +170,7 @@ def invert_plays(algebra: HysteresisAlgebra[V], plays: Plays[V]) -> Plays[V]:
     return Plays(weights=tuple(weights), thresholds=tuple(thresholds))
 
 
-def invert_plays_memory(algebra: HysteresisAlgebra[V], plays: Plays[V], memory: Sequence[V]) -> tuple[V, ...]:
+def invert_plays_memory(algebra: Carrier[V], plays: Plays[V], memory: Sequence[V]) -> tuple[V, ...]:
     """Return the memory of the inverse, P'_i = W_i P_i + sum_{j > i} w_j P_j."""
     slope = plays.weights[0]
     slopes = []
@@ -237,7 +184,7 @@ def invert_plays_memory(algebra: HysteresisAlgebra[V], plays: Plays[V], memory: 
     return tuple(reversed(result))
 
 
-def invert_outer_terms(algebra: HysteresisAlgebra[V], terms: Terms[V]) -> Terms[V]:
+def invert_outer_terms(algebra: Carrier[V], terms: Terms[V]) -> Terms[V]:
     """Return one side of the inverse of an outer function, outwards.
 
     R'_j = S(R_j), s'_j = -s_j / (A_j A_{j-1}) with the slopes A_j = 1 + s_1 + ... + s_j.

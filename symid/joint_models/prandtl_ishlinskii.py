@@ -39,8 +39,8 @@ import numpy as np
 
 from symid.arrays import FloatArray, freeze
 from symid.errors import Notice, RobotError
+from symid.joint_models.carriers import build_float_carrier
 from symid.joint_models.hysteresis import (
-    OperatorCarrier,
     Plays,
     SpringTerms,
     invert_outer_terms,
@@ -49,27 +49,7 @@ from symid.joint_models.hysteresis import (
 )
 from symid.robot import Elasticity, Stop
 
-FLOATS: OperatorCarrier[float] = OperatorCarrier(zero=0.0, one=1.0, maximum=max, minimum=min)
-"""Doubles as a carrier of the hysteresis model."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SpringNumbers:
-    """What the numerical forms of a spring use.
-
-    Args:
-        stiffness: k0, N m/rad or N/m.
-        cubic: k3, N m/rad^3 or N/m^3.
-        thresholds: (m,) r_i, rad or m.
-        weights: (m,) k_i, N m/rad or N/m.
-        terms: the same for the float carrier, with the knees.
-    """
-
-    stiffness: float
-    cubic: float
-    thresholds: FloatArray
-    weights: FloatArray
-    terms: SpringTerms[float]
+_FLOATS = build_float_carrier()
 
 
 def read_spring_terms(elasticity: Elasticity) -> SpringTerms[float]:
@@ -91,20 +71,11 @@ def read_spring_terms(elasticity: Elasticity) -> SpringTerms[float]:
     )
 
 
-def build_spring_numbers(elasticity: Elasticity) -> SpringNumbers:
-    """Return the numbers of an elasticity as arrays.
-
-    Raises:
-        RobotError: a stiffness is not known.
-    """
+def _read_spring(elasticity: Elasticity) -> tuple[SpringTerms[float], FloatArray, FloatArray]:
+    """Return the numbers of an elasticity, and r_i and k_i of its stops as arrays (m,)."""
     terms = read_spring_terms(elasticity)
-    return SpringNumbers(
-        stiffness=terms.stiffness,
-        cubic=elasticity.cubic,
-        thresholds=freeze([threshold for threshold, _ in terms.stops]),
-        weights=freeze([weight for _, weight in terms.stops]),
-        terms=terms,
-    )
+    pairs = np.array(terms.stops, dtype=np.float64).reshape(-1, 2)
+    return terms, pairs[:, 0], pairs[:, 1]
 
 
 def compute_outer_torque(terms: SpringTerms[float], value: FloatArray) -> FloatArray:
@@ -114,8 +85,8 @@ def compute_outer_torque(terms: SpringTerms[float], value: FloatArray) -> FloatA
 
 def invert_outer(terms: SpringTerms[float], torque: FloatArray) -> FloatArray:
     """Return v with S(v) = torque, N m or N, for torques of any shape."""
-    above = invert_outer_terms(FLOATS, terms.above)
-    return _apply_dead_zones(above, invert_outer_terms(FLOATS, terms.below), torque)
+    above = invert_outer_terms(_FLOATS, terms.above)
+    return _apply_dead_zones(above, invert_outer_terms(_FLOATS, terms.below), torque)
 
 
 def compute_outer_integral(terms: SpringTerms[float], value: FloatArray) -> FloatArray:
@@ -203,7 +174,7 @@ def invert_play_model(
     Raises:
         RobotError: no history leaves such a memory.
     """
-    plays = invert_plays(FLOATS, Plays(weights=model.weights, thresholds=model.thresholds))
+    plays = invert_plays(_FLOATS, Plays(weights=model.weights, thresholds=model.thresholds))
     start = np.zeros(len(model.thresholds)) if memory is None else np.asarray(memory, dtype=np.float64)
     return PlayModel(weights=plays.weights, thresholds=plays.thresholds), invert_memory(model, start)
 
@@ -219,7 +190,7 @@ def invert_memory(model: PlayModel, memory: Sequence[float] | FloatArray) -> Flo
     if mistakes:
         raise RobotError(*(Notice(code="robot.impossible-memory", text=text) for text in mistakes))
     plays = Plays(weights=model.weights, thresholds=model.thresholds)
-    return np.array(invert_plays_memory(FLOATS, plays, values))
+    return np.array(invert_plays_memory(_FLOATS, plays, values))
 
 
 def list_memory_mistakes(
@@ -327,8 +298,12 @@ def compute_hysteresis_torque(
     Raises:
         RobotError: a stiffness is not known.
     """
-    spring = build_spring_numbers(elasticity)
-    torque = compute_outer_torque(spring.terms, _compute_inner_torque(spring, phi, memory))
+    terms, radii, weights = _read_spring(elasticity)
+    phi = np.asarray(phi, dtype=np.float64)
+    inner = terms.stiffness * phi + (phi[:, None] - compute_plays(phi, radii, memory)) @ weights
+    if elasticity.cubic:
+        inner = inner + elasticity.cubic * phi**3
+    torque = compute_outer_torque(terms, inner)
     return torque if dphi is None else torque + elasticity.damping * np.asarray(dphi, dtype=np.float64)
 
 
@@ -347,12 +322,9 @@ def invert_hysteresis(
             leaves such a memory.
     """
     _refuse_cubic(elasticity)
-    spring = build_spring_numbers(elasticity)
-    model = build_play_model(elasticity)
-    inverse, image = invert_play_model(model, memory)
-    return compute_play_output(
-        inverse, invert_outer(spring.terms, np.asarray(torque, dtype=np.float64)), image
-    )
+    inverse, image = invert_play_model(build_play_model(elasticity), memory)
+    value = invert_outer(read_spring_terms(elasticity), np.asarray(torque, dtype=np.float64))
+    return compute_play_output(inverse, value, image)
 
 
 def compute_work_columns(
@@ -381,18 +353,18 @@ def compute_spring_work(
         RobotError: the spring has a cubic part and knees; a stiffness is not known.
     """
     phi = np.asarray(phi, dtype=np.float64)
-    spring = build_spring_numbers(elasticity)
+    terms, radii, weights = _read_spring(elasticity)
     if not elasticity.knees:
-        columns = compute_work_columns(phi, spring.thresholds, memory)
-        quartic = 0.25 * spring.cubic * (phi**4 - phi[:1] ** 4)
-        weights = np.concatenate([[spring.stiffness], spring.weights])
+        columns = compute_work_columns(phi, radii, memory)
+        quartic = 0.25 * elasticity.cubic * (phi**4 - phi[:1] ** 4)
+        weights = np.concatenate([[terms.stiffness], weights])
         return np.asarray(columns @ weights + quartic, dtype=np.float64)
     inverse = compute_inverse_plays(elasticity, phi, memory)
     ways = np.diff(inverse.plays, axis=0, prepend=inverse.plays[:1])
     # While it moves up a play trails its input by the threshold, and leads it while it moves down.
     edges = np.sign(ways) * inverse.thresholds
-    ends = compute_outer_integral(spring.terms, inverse.plays + edges)
-    starts = compute_outer_integral(spring.terms, inverse.plays - ways + edges)
+    ends = compute_outer_integral(terms, inverse.plays + edges)
+    starts = compute_outer_integral(terms, inverse.plays - ways + edges)
     return np.cumsum((ends - starts) @ inverse.weights)
 
 
@@ -408,11 +380,11 @@ def compute_inverse_plays(
     """
     _refuse_cubic(elasticity)
     inverse, _ = invert_play_model(build_play_model(elasticity))
-    spring = build_spring_numbers(elasticity)
+    terms, radii, weights = _read_spring(elasticity)
     phi = np.asarray(phi, dtype=np.float64)
-    plays = np.column_stack([phi, compute_plays(phi, spring.thresholds, memory)])
-    weights = np.concatenate([[0.0], spring.weights])
-    slopes = spring.stiffness + np.sum(weights) - np.cumsum(weights)
+    plays = np.column_stack([phi, compute_plays(phi, radii, memory)])
+    weights = np.concatenate([[0.0], weights])
+    slopes = terms.stiffness + np.sum(weights) - np.cumsum(weights)
     shares = np.diag(slopes) - np.tril(np.broadcast_to(weights[:, None], (weights.size,) * 2), -1)
     return InversePlays(
         plays=plays @ shares,
@@ -435,14 +407,6 @@ def _refuse_cubic(elasticity: Elasticity) -> None:
         raise RobotError(Notice(code="robot.cubic-spring", text=text))
 
 
-def _compute_inner_torque(spring: SpringNumbers, phi: FloatArray, memory: FloatArray | None) -> FloatArray:
-    """Return v = k0 phi + k3 phi^3 + sum_i k_i E_i (N,)."""
-    phi = np.asarray(phi, dtype=np.float64)
-    stops = phi[:, None] - compute_plays(phi, spring.thresholds, memory)
-    inner = spring.stiffness * phi + stops @ spring.weights
-    return inner + spring.cubic * phi**3 if spring.cubic else inner
-
-
 def compute_stored_energy(
     elasticity: Elasticity, phi: FloatArray, memory: FloatArray | None = None
 ) -> FloatArray:
@@ -452,17 +416,17 @@ def compute_stored_energy(
         RobotError: the spring has a cubic part and knees; a stiffness is not known.
     """
     phi = np.asarray(phi, dtype=np.float64)
-    spring = build_spring_numbers(elasticity)
+    terms, radii, weights = _read_spring(elasticity)
     if not elasticity.knees:
-        stops = phi[:, None] - compute_plays(phi, spring.thresholds, memory)
-        linear = 0.5 * spring.stiffness * np.square(phi) + 0.25 * spring.cubic * phi**4
-        return linear + 0.5 * np.square(stops) @ spring.weights
+        stops = phi[:, None] - compute_plays(phi, radii, memory)
+        linear = 0.5 * terms.stiffness * np.square(phi) + 0.25 * elasticity.cubic * phi**4
+        return linear + 0.5 * np.square(stops) @ weights
     inverse = compute_inverse_plays(elasticity, phi, memory)
-    upper = compute_outer_integral(spring.terms, inverse.plays + inverse.thresholds)
-    lower = compute_outer_integral(spring.terms, inverse.plays - inverse.thresholds)
+    upper = compute_outer_integral(terms, inverse.plays + inverse.thresholds)
+    lower = compute_outer_integral(terms, inverse.plays - inverse.thresholds)
     # A virgin spring at rest holds nothing.
-    rest = compute_outer_integral(spring.terms, inverse.thresholds)
-    rest = rest + compute_outer_integral(spring.terms, -inverse.thresholds)
+    rest = compute_outer_integral(terms, inverse.thresholds)
+    rest = rest + compute_outer_integral(terms, -inverse.thresholds)
     return 0.5 * (upper + lower - rest) @ inverse.weights
 
 
@@ -475,42 +439,17 @@ def compute_dissipation(
         RobotError: the spring has a cubic part and knees; a stiffness is not known.
     """
     phi = np.asarray(phi, dtype=np.float64)
-    spring = build_spring_numbers(elasticity)
+    terms, radii, weights = _read_spring(elasticity)
     if not elasticity.knees:
-        plays = compute_plays(phi, spring.thresholds, memory)
+        plays = compute_plays(phi, radii, memory)
         ways = np.abs(np.diff(plays, axis=0, prepend=plays[:1]))
-        return np.cumsum(ways @ (spring.weights * spring.thresholds))
+        return np.cumsum(ways @ (weights * radii))
     inverse = compute_inverse_plays(elasticity, phi, memory)
     plays, radii = inverse.plays, inverse.thresholds
-    gaps = compute_outer_integral(spring.terms, plays + radii) - compute_outer_integral(
-        spring.terms, plays - radii
-    )
+    gaps = compute_outer_integral(terms, plays + radii) - compute_outer_integral(terms, plays - radii)
     signs = np.sign(np.diff(plays, axis=0, prepend=plays[:1]))
     steps = np.maximum(0.5 * signs * np.diff(gaps, axis=0, prepend=gaps[:1]), 0.0)
     return np.cumsum(steps @ inverse.weights)
-
-
-def compute_compliance_energy(
-    model: PlayModel, torque: FloatArray, memory: FloatArray | None = None
-) -> FloatArray:
-    """Return the energy (N,) stored where phi = sum_i w_i P_i[tau]: sum_i w_i P_i^2 / 2."""
-    plays = _stack_plays(model, torque, memory)
-    return np.asarray(0.5 * np.square(plays) @ np.array(model.weights), dtype=np.float64)
-
-
-def compute_compliance_dissipation(
-    model: PlayModel, torque: FloatArray, memory: FloatArray | None = None
-) -> FloatArray:
-    """Return the energy (N,) lost since the first sample: sum_i w_i r_i int |dP_i|."""
-    plays = _stack_plays(model, torque, memory)
-    ways = np.abs(np.diff(plays, axis=0, prepend=plays[:1]))
-    losses = np.array(model.weights[1:]) * np.array(model.thresholds)
-    return np.asarray(np.cumsum(ways[:, 1:] @ losses), dtype=np.float64)
-
-
-def _stack_plays(model: PlayModel, torque: FloatArray, memory: FloatArray | None) -> FloatArray:
-    torque = np.asarray(torque, dtype=np.float64)
-    return np.column_stack([torque, compute_plays(torque, np.array(model.thresholds), memory)])
 
 
 def compute_first_curve(elasticity: Elasticity, phi: FloatArray) -> FloatArray:
@@ -519,9 +458,9 @@ def compute_first_curve(elasticity: Elasticity, phi: FloatArray) -> FloatArray:
     Raises:
         RobotError: a stiffness is not known.
     """
-    spring = build_spring_numbers(elasticity)
     phi = np.asarray(phi, dtype=np.float64)
-    return compute_outer_torque(spring.terms, _compute_first_torque(spring, phi) + spring.cubic * phi**3)
+    inner = _compute_first_torque(elasticity, phi) + elasticity.cubic * phi**3
+    return compute_outer_torque(read_spring_terms(elasticity), inner)
 
 
 def compute_branch(elasticity: Elasticity, reversal: float, phi: FloatArray) -> FloatArray:
@@ -535,21 +474,21 @@ def compute_branch(elasticity: Elasticity, reversal: float, phi: FloatArray) -> 
     Raises:
         RobotError: a stiffness is not known.
     """
-    spring = build_spring_numbers(elasticity)
     phi = np.asarray(phi, dtype=np.float64)
-    start = _compute_first_torque(spring, np.asarray(reversal, dtype=np.float64))
-    inner = start - 2.0 * _compute_first_torque(spring, 0.5 * (reversal - phi))
-    return compute_outer_torque(spring.terms, inner + spring.cubic * phi**3)
+    start = _compute_first_torque(elasticity, np.asarray(reversal, dtype=np.float64))
+    inner = start - 2.0 * _compute_first_torque(elasticity, 0.5 * (reversal - phi))
+    return compute_outer_torque(read_spring_terms(elasticity), inner + elasticity.cubic * phi**3)
 
 
 def compute_cycle_loss(elasticity: Elasticity, amplitude: float) -> float:
     """Return the energy in J lost in a cycle between `amplitude` and minus it, knees left out."""
-    spring = build_spring_numbers(elasticity)
-    slips = np.maximum(abs(amplitude) - spring.thresholds, 0.0)
-    return float(4.0 * np.sum(spring.weights * spring.thresholds * slips))
+    _, radii, weights = _read_spring(elasticity)
+    slips = np.maximum(abs(amplitude) - radii, 0.0)
+    return float(4.0 * np.sum(weights * radii * slips))
 
 
-def _compute_first_torque(spring: SpringNumbers, phi: FloatArray) -> FloatArray:
+def _compute_first_torque(elasticity: Elasticity, phi: FloatArray) -> FloatArray:
     """Return v(phi) without the cubic part."""
-    clipped = np.clip(phi[..., None], -spring.thresholds, spring.thresholds)
-    return np.asarray(spring.stiffness * phi + clipped @ spring.weights, dtype=np.float64)
+    terms, radii, weights = _read_spring(elasticity)
+    clipped = np.clip(phi[..., None], -radii, radii)
+    return np.asarray(terms.stiffness * phi + clipped @ weights, dtype=np.float64)

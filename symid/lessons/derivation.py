@@ -18,15 +18,14 @@ from symid.dynamics import (
     DRIVE_PARAMETERS,
     BaseParameters,
     ExactEnergy,
-    Key,
+    Label,
     LinkMotion,
     PointAlgebra,
     build_basis,
-    build_exact_state,
     build_field,
-    build_point_state,
     build_power_function,
     build_recursion,
+    build_state,
     choose_domain,
     compute_torque_columns,
     derive_base_parameters,
@@ -202,7 +201,7 @@ def _describe_base(robot: Robot, base: BaseParameters) -> Step:
     )
 
 
-def _write_group(robot: Robot, terms: Sequence[tuple[Key, Expr]]) -> str:
+def _write_group(robot: Robot, terms: Sequence[tuple[Label, Expr]]) -> str:
     """Return a grouping in LaTeX, in its own order."""
     products = [coefficient * Symbol(write_label(robot, label)) for label, coefficient in terms]
     return str(latex(Add(*products, evaluate=False), order="none"))
@@ -221,7 +220,7 @@ def _describe_torques(robot: Robot, energy: ExactEnergy, base: BaseParameters) -
         for parameter in base.parameters
         if columns[parameter.label][position]
     ]
-    state = build_exact_state(robot, energy.algebra)
+    state = build_state(robot, energy.algebra, energy.algebra.generators)
     other = compute_torque_columns(build_recursion(robot, energy.algebra, state), base.keys)
     same = all(fold_vector(robot, energy.algebra, other[key]) == tuple(columns[key]) for key in base.keys)
     _require(same, "Lagrange and Newton-Euler give different polynomials")
@@ -245,12 +244,12 @@ def _draw_point(robot: Robot, energy: ExactEnergy) -> dict[str, Any]:
     return values
 
 
-def _check_at_point(robot: Robot, energy: ExactEnergy, keys: Sequence[Key]) -> str:
+def _check_at_point(robot: Robot, energy: ExactEnergy, keys: Sequence[Label]) -> str:
     values = _draw_point(robot, energy)
     from_energy = evaluate_torque_columns(energy, keys, values)
     algebra = PointAlgebra(energy.algebra.ring.domain, values)
     by_recursion = compute_torque_columns(
-        build_recursion(robot, algebra, build_point_state(robot, algebra, values)), keys
+        build_recursion(robot, algebra, build_state(robot, algebra, values)), keys
     )
     same = all(fold_vector(robot, algebra, by_recursion[key]) == tuple(from_energy[key]) for key in keys)
     _require(same, "Lagrange and Newton-Euler differ at a rational point")
@@ -260,7 +259,7 @@ def _check_at_point(robot: Robot, energy: ExactEnergy, keys: Sequence[Key]) -> s
 def _write_steps(robot: Robot) -> Iterator[Step]:
     base = derive_base_parameters(robot)
     energy = derive_energy(robot)
-    state = build_exact_state(robot, energy.algebra)
+    state = build_state(robot, energy.algebra, energy.algebra.generators)
     yield _describe_frames(robot)
     yield _describe_velocities(build_recursion(robot, energy.algebra, state).motions)
     yield _describe_energy(energy, base)

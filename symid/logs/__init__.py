@@ -20,6 +20,11 @@ if TYPE_CHECKING:
         get_second_encoder_side as get_second_encoder_side,
         summarise_joints as summarise_joints,
     )
+    from symid.logs.draft import (
+        Draft as Draft,
+        DraftOrder as DraftOrder,
+        draft_robot as draft_robot,
+    )
     from symid.logs.files import (
         RawLog as RawLog,
         read_csv as read_csv,
@@ -28,8 +33,6 @@ if TYPE_CHECKING:
     )
     from symid.logs.proposal import (
         LogMapDraft as LogMapDraft,
-        NamesByQuantity as NamesByQuantity,
-        draft_log_map as draft_log_map,
     )
     from symid.logs.reader import read_raw as read_raw
     from symid.logs.recording import Recording as Recording, Signals as Signals, cut_ends as cut_ends
@@ -59,7 +62,6 @@ if TYPE_CHECKING:
         compute_noise_bandwidth as compute_noise_bandwidth,
         decimate as decimate,
         decimate_blocks as decimate_blocks,
-        decimate_columns as decimate_columns,
         describe_uneven as describe_uneven,
         differentiate as differentiate,
         low_pass as low_pass,

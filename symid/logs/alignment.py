@@ -26,7 +26,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import LogError, Notice
 from symid.logs.recording import Recording, cut_recording
 from symid.logs.signals import describe_uneven, differentiate, low_pass
@@ -100,7 +100,7 @@ _INDEPENDENT_PART = 0.02
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Alignment:
+class Alignment(FrozenArrays):
     """What moves the link channel onto the motor's clock and zero.
 
     Args:
@@ -124,11 +124,6 @@ class Alignment:
     residual: FloatArray
     present: NDArray[np.bool_]
     sources: tuple[str, ...]
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("delays", "delay_stds", "offsets", "offset_stds", "explained", "residual"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
 
     @property
     def unknown(self) -> NDArray[np.bool_]:
@@ -190,7 +185,13 @@ def estimate_alignment(
     gaps = [np.std(pair.theta - pair.q, axis=0) for pair in pairs]
     lost = _compute_largest_shift(recordings, pairs) < (np.max(gaps, axis=0) if beyond else found.residual)
     if (beyond and found.late) or np.any(lost & present):
-        raise LogError(*(_describe_beyond(recording) for recording in recordings))
+        text = (
+            f"the delay between motor and link encoders is beyond the {1e3 * _LARGEST:g} ms that are "
+            "searched, or these are not two encoders of the same joints in the same order: check the "
+            "columns, and bring both channels onto one clock before"
+        )
+        files = [recording.source for recording in recordings]
+        raise LogError(*(Notice(code="log.delay-beyond", text=text, file=file) for file in files))
     return found
 
 
@@ -221,15 +222,6 @@ def _compute_largest_shift(recordings: Sequence[Recording], pairs: Sequence[Enco
     ]
     most: FloatArray = _RESTING + 0.5 * _LARGEST * np.max(speeds, axis=0)
     return most
-
-
-def _describe_beyond(recording: Recording) -> Notice:
-    text = (
-        f"the delay between motor and link encoders is beyond the {1e3 * _LARGEST:g} ms that are searched, "
-        "or these are not two encoders of the same joints in the same order: check the columns, and bring "
-        "both channels onto one clock before"
-    )
-    return Notice(code="log.delay-beyond", text=text, file=recording.source)
 
 
 def _fit_joints(
@@ -374,7 +366,7 @@ def shift_link_channel(recording: Recording, alignment: Alignment, *, run: int) 
     encoder stay as they are, and so do zeros that cannot be told.
     """
     pair, delay = get_encoders(recording), alignment.delay
-    moved = shift_channel(recording.time, pair.q, delay) + _list_offsets(alignment, run)
+    moved = shift_channel(recording.time, pair.q, delay) + np.nan_to_num(alignment.offsets[run], nan=0.0)
     moved = np.where(alignment.present, moved, pair.q)
     if recording.motor_position is None:
         return replace(recording, link_position=moved)
@@ -397,11 +389,6 @@ def align(recording: Recording, alignment: Alignment, *, run: int) -> Recording:
     return replace(moved, notices=(*recording.notices, notice))
 
 
-def _list_offsets(alignment: Alignment, run: int) -> FloatArray:
-    offsets: FloatArray = np.nan_to_num(alignment.offsets[run], nan=0.0)
-    return offsets
-
-
 def _describe_shift(alignment: Alignment, run: int, lost: int) -> str:
     """Return what was done to the link channel; a delay of no significance is not spoken of."""
     parts = []
@@ -412,7 +399,7 @@ def _describe_shift(alignment: Alignment, run: int, lost: int) -> str:
             f"(standard deviation {1e3 * alignment.delay_std:.2g} ms), which they "
             f"are {side} than the motor encoders"
         )
-    largest = float(np.max(np.abs(_list_offsets(alignment, run))))
+    largest = float(np.max(np.abs(np.nan_to_num(alignment.offsets[run], nan=0.0))))
     if largest:
         parts.append(f"by zero offsets of up to {largest:.3g}")
     text = f"the link encoders were moved {', and '.join(parts)}" if parts else "the link encoders stay"

@@ -26,7 +26,6 @@ from symid.robot import Joint, JointKind, Robot
 # Thresholds are those of a remark, not of a refusal: they only choose what is worth saying.
 _REPEATED = 0.5
 _STANDSTILL = 0.5
-_SLOW = 1e-3
 _SATURATED = 0.01
 _MANY_TURNS = 4.0 * np.pi
 _LEAST_WAY = 1e-2
@@ -38,11 +37,14 @@ _RATIO = 0.1
 def check_recording(recording: Recording, robot: Robot) -> tuple[Notice, ...]:
     """Return what a reader of an identification from this recording should know first."""
     found = [(notice.code, notice.text) for notice in describe_timing(recording.time)]
-    for index, joint in enumerate(robot.axes):
-        position, torque = recording.position[:, index], recording.torque[:, index]
-        found += _check_position(position, joint)
-        found += _check_torque(torque, joint)
-        found += _check_motion(position, recording.period, joint)
+    for index, (joint, summary) in enumerate(
+        zip(robot.axes, summarise_joints(recording, robot), strict=True)
+    ):
+        found += _check_position(recording.position[:, index], joint)
+        found += _check_torque(recording.torque[:, index], summary, joint)
+        if summary.low < summary.high and summary.standstill > _STANDSTILL:
+            text = f"joint {joint.name!r} stands still during {100 * summary.standstill:.0f} % of the log"
+            found.append(("log.standstill", f"{text}; it says little about inertia and viscous friction"))
     found += _check_second(recording, robot)
     if recording.velocity is not None and np.all(np.isfinite(recording.velocity)):
         found += _check_velocity(recording, recording.velocity, robot)
@@ -152,33 +154,19 @@ def _moving(position: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.boo
     return mask
 
 
-def _check_torque(torque: FloatArray, joint: Joint) -> Iterator[tuple[str, str]]:
-    peak = float(np.max(np.abs(torque)))
-    if float(torque.min()) == float(torque.max()):
+def _check_torque(torque: FloatArray, summary: "JointSummary", joint: Joint) -> Iterator[tuple[str, str]]:
+    peak = summary.peak
+    if np.ptp(torque) == 0.0:
         yield "log.constant-torque", f"the torque of joint {joint.name!r} is {torque[0]:.4g} throughout"
         return
-    at_peak = float(np.mean(np.abs(torque) >= peak * (1.0 - 1e-9)))
-    if at_peak > _SATURATED:
-        text = f"joint {joint.name!r}: {100 * at_peak:.1f} % of the torques are the same peak of {peak:.4g}"
+    if summary.saturated > _SATURATED:
+        share = f"{100 * summary.saturated:.1f} % of the torques"
+        text = f"joint {joint.name!r}: {share} are the same peak of {peak:.4g}"
         yield "log.saturation", f"{text}: the drive saturates, or the log is clipped"
     limit = joint.limits.torque
     if limit is not None and peak > limit * (1.0 + 1e-6):
         text = f"the torque of joint {joint.name!r} reaches {peak:.4g}, beyond its limit {limit:.4g}"
         yield "log.torque-beyond-limit", f"{text}; check unit, factor and gear"
-
-
-def _check_motion(position: FloatArray, period: float, joint: Joint) -> Iterator[tuple[str, str]]:
-    sweep = float(position.max() - position.min())
-    if sweep == 0.0:
-        return
-    # A speed below a thousandth of sweep per second counts as standstill; taken over a tenth of a
-    # second, so that the steps of an encoder do not count as motion.
-    span = max(1, min(round(0.1 / period), len(position) - 1))
-    speed = np.abs(position[span:] - position[:-span]) / (span * period)
-    share = float(np.mean(speed < _SLOW * max(sweep, float(speed.max()))))
-    if share > _STANDSTILL:
-        text = f"joint {joint.name!r} stands still during {100 * share:.0f} % of the log"
-        yield "log.standstill", f"{text}; it says little about inertia and viscous friction"
 
 
 _SAMPLES = 200_000

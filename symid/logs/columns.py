@@ -14,6 +14,7 @@ Not supported: transmissions that depend on the position; a unit for each joint 
 
 import difflib
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import final
 
@@ -23,7 +24,7 @@ from symid.arrays import FloatArray
 from symid.errors import Notice
 from symid.logs.files import RawLog
 from symid.notation import get_unit_factor, suggest_units
-from symid.robot import Joint, JointKind, LogQuantity, Robot, TransmissionMatrix, compute_condition
+from symid.robot import JOINT_DIMENSIONS, Joint, LogQuantity, Robot, TransmissionMatrix, compute_condition
 
 
 @final
@@ -44,15 +45,6 @@ class Findings:
         self.remarks.append(Notice(code=code, text=text, file=self.file))
 
 
-_JOINT_DIMENSIONS = {
-    "position": {JointKind.REVOLUTE: "angle", JointKind.PRISMATIC: "length"},
-    "velocity": {JointKind.REVOLUTE: "angular velocity", JointKind.PRISMATIC: "velocity"},
-    "torque": {JointKind.REVOLUTE: "torque", JointKind.PRISMATIC: "force"},
-}
-_JOINT_DIMENSIONS["motor_position"] = _JOINT_DIMENSIONS["link_position"] = _JOINT_DIMENSIONS["position"]
-_JOINT_DIMENSIONS["reference"] = _JOINT_DIMENSIONS["position"]
-_JOINT_DIMENSIONS["reference_velocity"] = _JOINT_DIMENSIONS["velocity"]
-_JOINT_DIMENSIONS["feedforward"] = _JOINT_DIMENSIONS["torque"]
 _TORQUES = ("torque", "feedforward")
 # A factor may have any of these on the raw side: encoder counts, sensor and command voltages.
 _CONVERTIBLE = ("number", "voltage", "current")
@@ -145,7 +137,7 @@ def compute_scale(
         return None
     dimension, to_si = found
     factor = asked.factor if asked else (1.0,)
-    wanted = _JOINT_DIMENSIONS[name]
+    wanted = JOINT_DIMENSIONS[name]
     for joint in joints:
         if dimension in ("SI", wanted[joint.kind]) or any(value != 1.0 for value in factor):
             continue
@@ -173,7 +165,7 @@ def is_motor_side(asked: LogQuantity | None) -> bool:
 
 def is_other_dimension(name: str, unit: str, joints: tuple[Joint, ...]) -> bool:
     """Return whether `unit` is none of the quantity, as a voltage is none of torque."""
-    wanted = {_JOINT_DIMENSIONS[name][joint.kind] for joint in joints}
+    wanted = {JOINT_DIMENSIONS[name][joint.kind] for joint in joints}
     return get_unit_factor(unit)[0] not in {"SI", *wanted}
 
 
@@ -393,10 +385,15 @@ def _stack_columns(
 def _describe_missing(raw: RawLog, name: str, quantity: str) -> str:
     if name in raw.others:
         return f"{quantity}: {name!r} is in the log, but it is not a column of real numbers"
-    near = difflib.get_close_matches(name, raw.columns, n=3, cutoff=0.5)
+    return f"{quantity}: {describe_missing_column(name, raw.columns)}"
+
+
+def describe_missing_column(name: str, known: Iterable[str]) -> str:
+    """Return in words that a log has no column of this name, and which it has."""
+    names = tuple(known)
+    near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
     hint = f"did you mean {' or '.join(map(repr, near))}? " if near else ""
-    there = join_names(tuple(raw.columns)) or "no columns"
-    return f"{quantity}: there is no column {name!r}; {hint}the log has {there}"
+    return f"there is no column {name!r}; {hint}the log has {join_names(names) or 'no columns'}"
 
 
 def _describe_default(quantity: str) -> str:

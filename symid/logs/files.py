@@ -23,12 +23,10 @@ were read from.
 
 import csv
 import io
-import os
 import re
-import tempfile
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
@@ -36,7 +34,7 @@ from typing import IO, Any
 import numpy as np
 
 from symid.arrays import FloatArray, freeze
-from symid.environment import check_suffix
+from symid.environment import check_suffix, write_file
 from symid.errors import LogError, Notice, OutputError
 from symid.logs.recording import Recording
 from symid.notation import get_unit
@@ -68,6 +66,16 @@ def convert_column(values: object) -> FloatArray | None:
     if array.ndim == 2 and 1 in array.shape:
         array = array.reshape(-1)
     return freeze(array)
+
+
+def _build_raw_log(entries: Iterable[tuple[str, object]], units: Mapping[str, str]) -> RawLog:
+    """Return what is a column of real numbers, and the names of what is none."""
+    columns = {name: convert_column(value) for name, value in entries}
+    return RawLog(
+        columns={name: column for name, column in columns.items() if column is not None},
+        units=units,
+        others=tuple(name for name, column in columns.items() if column is None),
+    )
 
 
 def split_heading(heading: str) -> tuple[str, str | None]:
@@ -262,12 +270,7 @@ def read_npz(path: Path) -> RawLog:
         units = {
             name: unit for name, unit in map(split_heading, stated.reshape(-1).tolist()) if unit is not None
         }
-    columns = {name: convert_column(value) for name, value in content.items()}
-    return RawLog(
-        columns={name: column for name, column in columns.items() if column is not None},
-        units=units,
-        others=tuple(name for name, column in columns.items() if column is None),
-    )
+    return _build_raw_log(content.items(), units)
 
 
 def _load_array(archive: "np.lib.npyio.NpzFile", name: str) -> object:
@@ -298,23 +301,21 @@ def read_hdf5(path: Path) -> RawLog:
             "pip install 'symid[hdf5]', or save the log as .npz, .csv or with save(..., '-v7')"
         )
         raise refuse_file(str(path), text, "log.needs-hdf5") from error
-    columns, units, others = {}, {}, []
+    entries: list[tuple[str, object]] = []
+    units = {}
     try:
         with h5py.File(path, "r") as file:
             for name, data in _walk_data_sets(h5py, file):
-                column = convert_column(_load_data_set(data))
-                if column is None:
-                    others.append(name)
-                    continue
-                columns[name] = column
-                unit = _read_unit(data)
+                entries.append((name, _load_data_set(data)))
+                texts = (_decode_text(data.attrs.get(key)) for key in _UNIT_ATTRIBUTES)
+                unit = next((text for text in texts if text), None)
                 if unit:
                     units[name] = unit
     # h5py raises any of these on a damaged file, according to where the damage lies.
     except (OSError, ValueError, TypeError, KeyError, RuntimeError) as error:
         text = f"this is not an HDF5 file that can be read: {error}"
         raise refuse_file(str(path), text, "log.format") from error
-    return RawLog(columns=columns, units=units, others=tuple(others))
+    return _build_raw_log(entries, units)
 
 
 def _walk_data_sets(h5py: Any, group: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:  # noqa: ANN401  h5py has no types
@@ -338,14 +339,6 @@ def _load_data_set(data: Any) -> object:  # noqa: ANN401  h5py has no types
         return None
     values = np.asarray(data[()])
     return values.T if kind is not None else values
-
-
-def _read_unit(data: Any) -> str | None:  # noqa: ANN401  h5py has no types
-    for name in _UNIT_ATTRIBUTES:
-        text = _decode_text(data.attrs.get(name))
-        if text:
-            return text
-    return None
 
 
 def _decode_text(value: object) -> str | None:
@@ -376,14 +369,7 @@ def read_mat(path: Path) -> RawLog:
     except (MatReadError, ValueError, TypeError, NotImplementedError, OSError, KeyError, zlib.error) as error:
         text = f"this is not a MATLAB file that can be read: {error}"
         raise refuse_file(str(path), text, "log.format") from error
-    columns, others = {}, []
-    for name, value in _flatten_structures(content):
-        column = convert_column(value)
-        if column is None:
-            others.append(name)
-        else:
-            columns[name] = column
-    return RawLog(columns=columns, others=tuple(others))
+    return _build_raw_log(_flatten_structures(content), {})
 
 
 def _flatten_structures(content: dict[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
@@ -400,8 +386,6 @@ def _flatten_structures(content: dict[str, object], prefix: str = "") -> Iterato
 
 _LIKE = {"link_position": "q", "q_ref": "q", "dq_ref": "dq", "tau_ff": "tau"}
 """Columns that have the units of others."""
-_MODE = 0o644
-"""Rights of a log, less those that the user's umask withholds; temporary files have fewer."""
 
 
 def write_recording(recording: Recording, path: Path, robot: Robot) -> Path:
@@ -412,7 +396,7 @@ def write_recording(recording: Recording, path: Path, robot: Robot) -> Path:
     """
     writers = {".npz": _write_npz, ".csv": _write_csv}
     writer = writers[check_suffix(path, "a log", writers)]
-    return _write_whole(path, lambda stream: writer(stream, recording, robot))
+    return write_file(path, lambda stream: writer(stream, recording, robot), what="the log", with_folder=True)
 
 
 def write_raw_log(raw: RawLog, path: Path) -> Path:
@@ -428,33 +412,7 @@ def write_raw_log(raw: RawLog, path: Path) -> Path:
     if writer is _write_raw_csv and (len(shapes) > 1 or any(len(shape) > 1 for shape in shapes)):
         text = "a .csv holds columns of one number a sample; this log has arrays or columns of other lengths"
         raise OutputError(Notice(code="output.no-table", text=f"{text}: write it as .npz", file=str(path)))
-    return _write_whole(path, lambda stream: writer(stream, raw))
-
-
-def _write_whole(path: Path, write: Callable[[IO[bytes]], None]) -> Path:
-    """Write the file whole or not at all."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        try:
-            with os.fdopen(handle, "wb") as stream:
-                write(stream)
-            Path(temporary).chmod(_MODE & ~_read_umask())
-            Path(temporary).replace(path)
-        except BaseException:
-            Path(temporary).unlink(missing_ok=True)
-            raise
-    except OSError as error:
-        text = f"the log cannot be written: {error.strerror or error}"
-        raise OutputError(Notice(code="output.unwritable", text=text, file=str(path))) from error
-    return path
-
-
-def _read_umask() -> int:
-    """Return the rights that this process withholds; they can only be read by setting them."""
-    mask = os.umask(0o077)
-    os.umask(mask)
-    return mask
+    return write_file(path, lambda stream: writer(stream, raw), what="the log", with_folder=True)
 
 
 def _list_channels(recording: Recording) -> list[tuple[str, FloatArray]]:

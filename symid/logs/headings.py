@@ -16,15 +16,14 @@ Not supported: other words, which name no quantity; columns without a unit, for 
 quantity that one joint has no column of, or two: that is a mistake, never a choice.
 """
 
-import difflib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from symid.logs.columns import Findings, join_names
+from symid.logs.columns import Findings, describe_missing_column, join_names
 from symid.logs.files import RawLog
 from symid.notation import UNITS, get_unit_factor, suggest_units
-from symid.robot import Joint, JointKind, LogQuantity
+from symid.robot import Joint, JointKind, LogQuantity, compute_current_factor
 
 _QUANTITY_WORDS = {
     "time": ("t", "time", "timestamp", "stamp", "clock"),
@@ -254,12 +253,7 @@ def check_columns(
     """
     missing = [name for name in names if name not in known]
     for name in missing:
-        near = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
-        hint = f"did you mean {' or '.join(map(repr, near))}? " if near else ""
-        text = (
-            f"--columns {quantity}: there is no column {name!r}; {hint}the log has {join_names(tuple(known))}"
-        )
-        findings.refuse("new.no-column", text)
+        findings.refuse("new.no-column", f"--columns {quantity}: {describe_missing_column(name, known)}")
     if len(names) not in ({1} if quantity == "time" else {1, len(joints)}):
         size = (
             "one"
@@ -397,7 +391,7 @@ def _build_current_quantity(
         findings.refuse("new.torque-constant", f"{text} {join_names(lacking)}: {ask_constants(joints)}")
     if lacking or len(set(units)) > 1:
         return None
-    factor = tuple(joint.drive.gear * (joint.drive.torque_constant or 0.0) for joint in joints)
+    factor = compute_current_factor(joints, coupled=False) or (1.0,)
     return LogQuantity(columns=names, unit=units[0], factor=factor)
 
 

@@ -289,8 +289,9 @@ def draft_log_map(robot: Robot, log: Path, columns: NamesByQuantity, units: Name
         LogError: the log cannot be read, or its columns cannot be told.
     """
     named, of_units = _split_names("--columns", columns), _split_names("--units", units)
-    found = propose_log_map(read_raw(log), robot, str(log), columns=named, units=of_units)
-    robot, chosen, doubts = _add_processing(replace(robot, log=found.log), log)
+    raw = read_raw(log)
+    found = propose_log_map(raw, robot, str(log), columns=named, units=of_units)
+    robot, chosen, doubts = _add_processing(replace(robot, log=found.log), log, raw)
     assumed = (*found.assumed, *_note_unused(found, log), *chosen, *_note_missing_friction(robot))
     return LogMapDraft(robot=robot, file=log, found=found, assumed=assumed, doubts=doubts)
 
@@ -320,9 +321,11 @@ def _split_names(option: str, given: NamesByQuantity) -> dict[str, tuple[str, ..
     return found
 
 
-def _add_processing(robot: Robot, log: Path) -> tuple[Robot, tuple[Notice, ...], tuple[Notice, ...]]:
+def _add_processing(
+    robot: Robot, log: Path, raw: RawLog
+) -> tuple[Robot, tuple[Notice, ...], tuple[Notice, ...]]:
     """Return the robot with what is left out of a log, why it is, and what is odd about the log."""
-    recording = resample_if_uneven(read_recording(log, robot, uneven=True))
+    recording = resample_if_uneven(read_recording(log, robot, uneven=True, raw=raw))
     found = propose_processing(recording, robot)
     texts = {
         "new.ends": f"processing.drop_first and drop_last are set to {found.drop_first} samples, {ENDS:g} s "

@@ -19,6 +19,7 @@ Not supported: Parquet, rosbags; JointState messages whose order of joints chang
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,9 +27,9 @@ from symid.arrays import FloatArray
 from symid.errors import LogError
 from symid.logs.columns import CONTROL_QUANTITIES, Findings, extract_quantity, extract_time
 from symid.logs.files import RawLog, read_csv, read_hdf5, read_mat, read_npz, refuse_file
-from symid.logs.recording import Recording
+from symid.logs.recording import OPTIONAL_CHANNELS, Recording
 from symid.logs.signals import choose_processing, compute_least_samples, describe_too_short, describe_uneven
-from symid.robot import Joint, LogQuantity, Processing, Robot
+from symid.robot import Joint, LogQuantity, Processing, Robot, compute_current_factor
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -115,7 +116,6 @@ def _match_columns(raw: RawLog, patterns: tuple[str, ...], joints: Sequence[Join
 
 def _convert_currents(columns: tuple[str, ...], unit: str, robot: Robot, findings: Findings) -> LogQuantity:
     """Return the quantity for motor currents, by the torque constants of the robot file."""
-    drives = [joint.drive for joint in robot.axes]
     lacking = [joint.name for joint in robot.axes if joint.drive.torque_constant is None]
     if lacking:
         text = (
@@ -124,7 +124,7 @@ def _convert_currents(columns: tuple[str, ...], unit: str, robot: Robot, finding
         )
         findings.refuse("log.no-torque-constant", text)
     coupled = robot.log.transmission is not None
-    factor = tuple((drive.torque_constant or 1.0) * (1.0 if coupled else drive.gear) for drive in drives)
+    factor = compute_current_factor(robot.axes, coupled=coupled) or (1.0,)
     return LogQuantity(columns=columns, unit=unit, factor=factor, side="motor" if coupled else "joint")
 
 
@@ -144,18 +144,19 @@ _LARGEST = 1e100
 """Of what a sensor can have measured; squares of larger values overflow."""
 
 
-def read_recording(path: Path, robot: Robot, *, uneven: bool = False) -> Recording:
+def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLog | None = None) -> Recording:
     """Return the recording in the log at `path`, as the robot's `[log]` map reads it.
 
     Args:
         path: a file with one of the suffixes of `READERS`.
         robot: its `[log]` map says which column is what.
         uneven: whether times may be uneven, repeat or run backwards, for those that look at them.
+        raw: the columns of the file, where they were read before.
 
     Raises:
         LogError: the file cannot be read, or its columns cannot be used; all that is wrong is said.
     """
-    raw = read_raw(path)
+    raw = raw or read_raw(path)
     findings = Findings(file=str(path))
     robot = apply_preset(raw, robot, findings)
     time, used = extract_time(raw, robot, findings)
@@ -178,17 +179,19 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False) -> Recordi
         raise LogError(*findings.mistakes)
     known = {*used, *(name for names in columns.values() for name in names)}
     unused = tuple(name for name in raw.columns if name not in known)
-    _remark_unused((*unused, *raw.others), columns["velocity"], findings)
+    left_out = ", ".join((*unused, *raw.others))
+    parts = [f"columns that were not used: {left_out}"] if left_out else []
+    if columns["velocity"]:
+        text = "velocity was read but is not used: velocities come from the filtered position"
+        parts.append(f"{text} (columns {', '.join(columns['velocity'])})")
+    if parts:
+        findings.remark("log.unused-columns", "; ".join(parts))
+    channels: dict[str, Any] = {name: values[name] for name in OPTIONAL_CHANNELS}
     return Recording(
         time=time,
         position=position,
-        velocity=values["velocity"],
-        motor_position=values["motor_position"],
-        link_position=values["link_position"],
-        reference=values["reference"],
-        reference_velocity=values["reference_velocity"],
-        feedforward=values["feedforward"],
         torque=torque,
+        **channels,
         source=str(path),
         notices=tuple(findings.remarks),
         extras={name: raw.columns[name] for name in unused},
@@ -234,15 +237,6 @@ def _check_encoders(columns: dict[str, tuple[str, ...]], findings: Findings) -> 
                 else "leave it out"
             )
             findings.refuse("log.same-encoder", f"{text}: one encoder tells no torsion; {remedy}")
-
-
-def _remark_unused(names: tuple[str, ...], velocity: tuple[str, ...], findings: Findings) -> None:
-    parts = [f"columns that were not used: {', '.join(names)}"] if names else []
-    if velocity:
-        text = "velocity was read but is not used: velocities come from the filtered position"
-        parts.append(f"{text} (columns {', '.join(velocity)})")
-    if parts:
-        findings.remark("log.unused-columns", "; ".join(parts))
 
 
 def read_raw(path: Path) -> RawLog:

@@ -8,11 +8,11 @@ channel.
 Not supported: pieces from the middle.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, FrozenArrays, freeze, freeze_fields
 from symid.errors import LogError, Notice
 
 OPTIONAL_CHANNELS = (
@@ -84,12 +84,7 @@ class Recording:
 
     def __post_init__(self) -> None:
         """Copy the arrays and make them read-only."""
-        for name in ("time", "position", "torque"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
-        for name in OPTIONAL_CHANNELS:
-            values = getattr(self, name)
-            if values is not None:
-                object.__setattr__(self, name, freeze(values))
+        freeze_fields(self)
         object.__setattr__(self, "extras", {name: freeze(values) for name, values in self.extras.items()})
 
     @property
@@ -99,7 +94,7 @@ class Recording:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Signals:
+class Signals(FrozenArrays):
     """States and torques at full rate after filter, differentiation and cut ends, before decimation.
 
     Args:
@@ -112,11 +107,6 @@ class Signals:
     ddq: FloatArray
     tau: FloatArray
     period: float
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("time", "q", "dq", "ddq", "tau"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
 
 
 _FEWEST = 3
@@ -148,18 +138,17 @@ def cut_ends(recording: Recording, first: int, last: int) -> Recording:
 def cut_recording(recording: Recording, kept: slice) -> Recording:
     """Return the samples `kept` of every channel."""
     count = len(recording.time)
-    whole: dict[str, Any] = {name: getattr(recording, name) for name in OPTIONAL_CHANNELS}
-    channels: dict[str, Any] = {
-        name: None if values is None else values[kept] for name, values in whole.items()
+    extras = {
+        name: values[kept] if len(values) == count else values for name, values in recording.extras.items()
     }
-    return replace(
-        recording,
-        time=recording.time[kept],
-        position=recording.position[kept],
-        torque=recording.torque[kept],
-        **channels,
-        extras={
-            name: values[kept] if len(values) == count else values
-            for name, values in recording.extras.items()
-        },
-    )
+    return replace(change_channels(recording, lambda values: values[kept]), extras=extras)
+
+
+def change_channels(recording: Recording, change: Callable[[FloatArray], FloatArray]) -> Recording:
+    """Return the recording with `change` made to its times and all its channels."""
+    names = ("time", "position", "torque", *OPTIONAL_CHANNELS)
+    channels = {name: getattr(recording, name) for name in names}
+    changed: dict[str, Any] = {
+        name: change(values) for name, values in channels.items() if values is not None
+    }
+    return replace(recording, **changed)

@@ -26,18 +26,19 @@ a payload of bodies on several links.
 
 import os
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from decimal import Decimal
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, TypeVar
 
 import numpy as np
 
-from symid.errors import LogError, Notice, RobotError, UsageError
+from symid.errors import InputError, LogError, Notice, RobotError, UsageError
 from symid.logs.files import refuse_file
 from symid.logs.reader import read_recording
 from symid.logs.recording import Recording, RunSettings, cut_ends
+from symid.notation import INERTIAL
 from symid.robot import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -48,55 +49,64 @@ from symid.robot import (
     describe_settings,
     locate_values,
     read_body,
-    read_constant,
     read_integer,
     read_number,
+    read_offset,
     read_text,
     read_text_file,
     refuse_unknown_keys,
 )
-from symid.serialization import compute_file_digest, compute_signature
+from symid.serialization import compute_file_digest, compute_signature, read_record, write_plain
 
+T = TypeVar("T")
 _KEY = "payload"
 
 
-class RunPayload(NamedTuple):
-    """Name of a payload, and what it adds to beta (p,); nothing where it is not known."""
+def read_payload(section: Section, robot: Robot) -> tuple[str, tuple[float, ...]]:
+    """Return a payload's name, and what it adds to beta (p,): nothing where it is not known.
 
-    name: str
-    load: tuple[float, ...] = ()
-
-
-def read_payload(section: Section, robot: Robot) -> RunPayload:
-    """Return what a run says of its payload; mistakes go to the report of the section."""
+    Mistakes go to the report of the section.
+    """
     value = section.values.get(_KEY)
     if not isinstance(value, dict):
-        return RunPayload(read_text(section, _KEY) or "")
+        return read_text(section, _KEY) or "", ()
     names = [joint.name for joint in robot.joints]
-    inner = Section(values=value, path=(*section.path, _KEY), report=section.report, label="payload")
+    inner = section.inside(value, "payload", _KEY)
     joint = read_text(inner, "joint") or names[-1]
     name = read_text(inner, "name") or _KEY
     if joint not in names:
         inner.refuse(
             "runs.unknown-joint", "joint", f"there is no joint {joint!r}; allowed are {', '.join(names)}"
         )
-        return RunPayload(name)
+        return name, ()
     link = names.index(joint)
     symbols = Symbols(values=dict(robot.symbols))
-    body = read_body(section, _KEY, robot.joints[link].frame, symbols, ("name", "joint"))
-    if body.parameters is None:
-        return RunPayload(name)
-    return RunPayload(name, _compute_payload_beta(robot, link, body.parameters))
-
-
-def _compute_payload_beta(robot: Robot, link: int, parameters: tuple[float, ...]) -> tuple[float, ...]:
-    """Return K_link pi (p,)."""
+    parameters, _ = read_body(section, _KEY, robot.joints[link].frame, symbols, ("name", "joint"))
+    if parameters is None:
+        return name, ()
     from symid.dynamics import build_grouping, derive_base_parameters
-    from symid.notation import INERTIAL
 
     grouping = build_grouping(robot, derive_base_parameters(robot))
-    columns = [grouping.labels.index((link, name)) for name in INERTIAL]
-    return tuple(map(float, grouping.matrix[:, columns] @ np.array(parameters)))
+    columns = [grouping.labels.index((link, key)) for key in INERTIAL]
+    return name, tuple(map(float, grouping.matrix[:, columns] @ np.array(parameters)))
+
+
+def _read_all(logs: Iterable[T], read: Callable[[T], Iterable[Recording]]) -> tuple[Recording, ...]:
+    """Return the recordings that `read` gives for each of `logs`.
+
+    Raises:
+        LogError: with what is wrong with any of them.
+    """
+    recordings: list[Recording] = []
+    notices: list[Notice] = []
+    for log in logs:
+        try:
+            recordings += read(log)
+        except LogError as error:
+            notices += error.notices
+    if notices:
+        raise LogError(*notices)
+    return tuple(recordings)
 
 
 _SUFFIX = ".toml"
@@ -116,17 +126,10 @@ def read_log_runs(path: Path, robot: Robot, *, uneven: bool = False) -> tuple[Re
     """
     if path.suffix.lower() != _SUFFIX:
         return (read_recording(path, robot, uneven=uneven),)
-    recordings: list[Recording] = []
-    notices: list[Notice] = []
     runs, warnings = _parse_runs(path, robot)
-    for run in runs:
-        try:
-            recordings.append(_apply_settings(read_recording(Path(run.file), robot, uneven=uneven), run))
-        except LogError as error:
-            notices += error.notices
-    if notices:
-        raise LogError(*notices)
-    first, *others = recordings
+    first, *others = _read_all(
+        runs, lambda run: [_apply_settings(read_recording(Path(run.file), robot, uneven=uneven), run)]
+    )
     return (replace(first, notices=(*warnings, *first.notices)), *others)
 
 
@@ -139,23 +142,18 @@ def list_log_files(paths: Sequence[Path], robot: Robot) -> tuple[Path, ...]:
     found: list[Path] = []
     for path in paths:
         if path.suffix.lower() == _SUFFIX:
-            found += [Path(run.file) for run in read_runs(path, robot)]
+            found += [Path(run.file) for run in _parse_runs(path, robot)[0]]
         else:
             found.append(path)
     return tuple(dict.fromkeys(found))
 
 
-def read_runs(path: Path, robot: Robot) -> tuple[RunSettings, ...]:
-    """Return the runs that the file at `path` lists.
+def _parse_runs(path: Path, robot: Robot) -> tuple[tuple[RunSettings, ...], tuple[Notice, ...]]:
+    """Return the runs that a file lists, and what is odd in it.
 
     Raises:
         LogError: with a notice for each mistake, at its place.
     """
-    return _parse_runs(path, robot)[0]
-
-
-def _parse_runs(path: Path, robot: Robot) -> tuple[tuple[RunSettings, ...], tuple[Notice, ...]]:
-    """Return the runs of a file, and what is odd in it."""
     try:
         text = read_text_file(path).replace("\r\n", "\n")
         values = tomllib.loads(text, parse_float=Decimal)
@@ -171,9 +169,7 @@ def _parse_runs(path: Path, robot: Robot) -> tuple[tuple[RunSettings, ...], tupl
         root.refuse_key("runs.no-run", "run", 'there is none; write [[run]] and file = "log.npz" below it')
         tables = []
     runs = tuple(
-        _read_run(
-            Section(values=table, path=("run", index), report=report, label=f"run {index + 1}"), path, robot
-        )
+        _read_run(root.inside(table, f"run {index + 1}", "run", index), path, robot)
         for index, table in enumerate(tables)
     )
     if report.errors:
@@ -192,27 +188,16 @@ def _read_run(section: Section, path: Path, robot: Robot) -> RunSettings:
     if "file" not in section.values:
         section.refuse_key("runs.missing-key", "file", 'missing; write file = "log.npz"')
     weight = read_number(section, "weight", "", POSITIVE)
-    payload = read_payload(section, robot)
+    payload, load = read_payload(section, robot)
     return RunSettings(
         file=str(path.parent / (file or "")),
         weight=1.0 if weight is None else float(weight),
         drop_first=read_integer(section, "drop_first", NOT_NEGATIVE) or 0,
         drop_last=read_integer(section, "drop_last", NOT_NEGATIVE) or 0,
-        payload=payload.name,
-        load=payload.load,
-        offset=_read_offset(section, robot.freedom),
+        payload=payload,
+        load=load,
+        offset=read_offset(section, robot.freedom) or (0.0,),
     )
-
-
-def _read_offset(section: Section, size: int) -> tuple[float, ...]:
-    value: Any = section.values.get("offset")
-    if not isinstance(value, list):
-        return (read_constant(section, "offset", "rad or m") or 0.0,)
-    if len(value) not in (1, size):
-        text = f"{len(value)} offsets for {size} joints; give one for each joint, or one for all"
-        section.refuse("robot.column-count", "offset", text)
-        return (0.0,)
-    return tuple(read_constant(section, "offset", "rad or m", index) or 0.0 for index in range(len(value)))
 
 
 def _apply_settings(recording: Recording, run: RunSettings) -> Recording:
@@ -259,27 +244,28 @@ def read_recorded_runs(sources: Sequence[str], told: object, robot: Robot) -> tu
     Raises:
         LogError: with what is wrong with any log, or with `told`.
     """
-    runs = _restore_runs(sources, told, robot.freedom)
-    recordings: list[Recording] = []
-    notices: list[Notice] = []
-    for source, run in zip(sources, runs, strict=True):
-        try:
-            recording = read_recording(Path(source), robot)
-            recordings.append(recording if run is None else _apply_settings(recording, run))
-        except LogError as error:
-            notices += error.notices
-    if notices:
-        raise LogError(*notices)
-    return tuple(recordings)
+
+    def read(log: tuple[str, RunSettings | None]) -> list[Recording]:
+        recording, run = read_recording(Path(log[0]), robot), log[1]
+        return [recording if run is None else _apply_settings(recording, run)]
+
+    return _read_all(zip(sources, _restore_runs(sources, told, robot.freedom), strict=True), read)
 
 
 def _restore_runs(sources: Sequence[str], told: object, size: int) -> list[RunSettings | None]:
     if told is None:
         return [None] * len(sources)
-    entries: list[Any] = list(told) if isinstance(told, list | tuple) else []
-    found = [_restore_run(entry, size) if entry else None for entry in entries]
-    if len(entries) != len(sources) or any(
-        entry and not run for entry, run in zip(entries, found, strict=True)
+    entries = write_plain(told)
+    try:
+        found = [
+            read_record(RunSettings, entry) if entry else None
+            for entry in (entries if isinstance(entries, list) else [])
+        ]
+    except InputError:
+        found = []
+    known = [run for run in found if run is not None]
+    if len(found) != len(sources) or not all(
+        min(run.drop_first, run.drop_last) >= 0 and len(run.offset) in (1, size) for run in known
     ):
         text = (
             f"the settings of the runs cannot be used: expected one table for each of {len(sources)} logs, "
@@ -289,31 +275,14 @@ def _restore_runs(sources: Sequence[str], told: object, size: int) -> list[RunSe
     return found
 
 
-def _restore_run(entry: object, size: int) -> RunSettings | None:
-    """Return the settings of a run as `describe_runs` told them, None where that is not what `entry` is."""
-    if not isinstance(entry, dict) or set(entry) - {"load"} != set(_KEYS):
-        return None
-    offset, load = entry["offset"], entry.get("load", [])
-    usable = (
-        all(isinstance(entry[key], str) for key in ("file", "payload"))
-        and all(type(entry[key]) is int and entry[key] >= 0 for key in ("drop_first", "drop_last"))
-        and isinstance(offset, list | tuple)
-        and len(offset) in (1, size)
-        and isinstance(load, list | tuple)
-        and all(type(value) in (int, float) for value in (entry["weight"], *offset, *load))
-    )
-    if not usable:
-        return None
-    return RunSettings(**{**entry, "offset": tuple(map(float, offset)), "load": tuple(map(float, load))})
-
-
 def check_one_payload(recordings: Sequence[Recording]) -> None:
     """Refuse runs with different payloads for a fit of one set of parameters, but for those that are known.
 
     Raises:
         LogError: there is more than one payload.
     """
-    names = sorted({_name_payload(recording.run) for recording in recordings})
+    runs = [recording.run for recording in recordings]
+    names = sorted({"" if run is None or run.load else run.payload for run in runs})
     if len(names) > 1:
         listed = ", ".join(repr(name) if name else "none" for name in names)
         text = (
@@ -322,10 +291,6 @@ def check_one_payload(recordings: Sequence[Recording]) -> None:
             "payload alone, and give the estimates to `symid payload`"
         )
         raise LogError(Notice(code="log.payloads-differ", text=text))
-
-
-def _name_payload(run: RunSettings | None) -> str:
-    return "" if run is None or run.load else run.payload
 
 
 def refuse_known_payloads(recordings: Sequence[Recording], what: str) -> None:
@@ -437,28 +402,19 @@ def read_recordings(
     Raises:
         LogError: with what is wrong with any of them.
     """
-    found: list[Recording] = []
-    notices: list[Notice] = []
-    for entry in logs:
-        try:
-            if isinstance(entry, Path):
-                found += read_log_runs(entry, robot, uneven=uneven)
-            else:
-                _check_joints(entry, robot)
-                found.append(entry)
-        except LogError as error:
-            notices += error.notices
-    if notices:
-        raise LogError(*notices)
-    return tuple(found)
 
+    def read(log: Path | Recording) -> tuple[Recording, ...]:
+        if isinstance(log, Path):
+            return read_log_runs(log, robot, uneven=uneven)
+        joints = log.position.shape[1]
+        if joints != robot.freedom:
+            text = (
+                f"has {joints} joints, the robot {robot.name!r} has {robot.freedom}; read it with this robot"
+            )
+            raise LogError(Notice(code="log.joints", text=text, file=log.source))
+        return (log,)
 
-def _check_joints(recording: Recording, robot: Robot) -> None:
-    """Refuse what was read for a robot with another number of joints."""
-    joints = recording.position.shape[1]
-    if joints != robot.freedom:
-        text = f"has {joints} joints, the robot {robot.name!r} has {robot.freedom}; read it with this robot"
-        raise LogError(Notice(code="log.joints", text=text, file=recording.source))
+    return _read_all(logs, read)
 
 
 def read_fit_recordings(logs: Sequence[Path | Recording], robot: Robot) -> tuple[Recording, ...]:

@@ -14,7 +14,6 @@ Not supported: clocks that drift against the robot's; several pieces at once: cu
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +23,7 @@ from symid.errors import LogError, Notice
 from symid.logs.columns import Findings, extract_time
 from symid.logs.files import RawLog
 from symid.logs.reader import apply_preset
-from symid.logs.recording import OPTIONAL_CHANNELS, Recording
+from symid.logs.recording import Recording, change_channels
 from symid.logs.signals import describe_uneven
 from symid.robot import Robot
 
@@ -196,17 +195,9 @@ def describe_resampling(plan: Resampling, file: str = "") -> Notice:
 
 def resample_recording(recording: Recording, plan: Resampling) -> Recording:
     """Return the recording at even times, with a notice that says what was done."""
-
-    def move(values: FloatArray | None) -> FloatArray | None:
-        return None if values is None else plan.move(values)
-
-    channels: dict[str, Any] = {name: move(getattr(recording, name)) for name in OPTIONAL_CHANNELS}
     return replace(
-        recording,
+        change_channels(recording, plan.move),
         time=plan.after,
-        position=plan.move(recording.position),
-        torque=plan.move(recording.torque),
-        **channels,
         notices=(*recording.notices, describe_resampling(plan, recording.source)),
         extras={},
     )

@@ -6,8 +6,7 @@ Recording, Processing -> Signals at full rate; matrices of fewer rows, whole or 
 
 Low-pass: Butterworth, forward and backward. Decimation: Chebyshev I, forward and backward. Both run as
 second-order sections, so that high orders at low cut-offs keep their gain; ends are continued by odd
-reflection over 3 (order) samples. A model that is linear in its parameters stays true when columns and
-measurement pass the same filter ("parallel decimation", Gautier 1997).
+reflection over 3 (order) samples.
 
 Supported: uniform sampling. A step above 1.5 median periods is a gap; steps that scatter by more than
 20 % (root mean square) are jitter; both are refused. Velocities and accelerations come from the filtered
@@ -77,7 +76,8 @@ def decimate(values: FloatArray, decimation: Decimation) -> FloatArray:
     """Return every `factor`-th sample of `values` (N, ...) after a zero-phase Chebyshev I low-pass.
 
     Kept are ceil(N / r) samples that end with the last one: counted from one, the first is
-    r - (r ceil(N / r) - N), as in MATLAB's `decimate`.
+    r - (r ceil(N / r) - N), as in MATLAB's `decimate`. A model that is linear in its parameters stays
+    true when its columns and the measurement pass the same filter ("parallel decimation", Gautier 1997).
 
     Raises:
         LogError: there are too few samples for the filter.
@@ -201,22 +201,10 @@ def choose_processing(processing: Processing, period: float) -> Processing:
     return replace(processing, filter_cutoff=cutoff, decimation=decimation, automatic=False)
 
 
-def decimate_columns(matrix: FloatArray, decimation: Decimation) -> FloatArray:
-    """Return the rows of `matrix` (N, k) that decimation keeps, (M, k), each column low-passed alike.
-
-    A model that is linear in its parameters stays true when its columns and the measurement
-    pass the same filter ("parallel decimation", Gautier 1997).
-
-    Raises:
-        LogError: too few rows for the filter.
-    """
-    return decimate(matrix, decimation)
-
-
 def decimate_blocks(
     evaluate: Callable[[slice], FloatArray], samples: int, decimation: Decimation
 ) -> Iterator[tuple[slice, FloatArray]]:
-    """Yield, block by block, the rows that `decimate_columns` keeps of all samples, and which they are.
+    """Yield, block by block, the rows that `decimate` keeps of all samples, and which they are.
 
     A block is filtered with so many samples before and after it that the filter has forgotten where it began
     and ended; at the ends of the log nothing differs. So the rows are the same up to rounding, and samples
@@ -249,7 +237,7 @@ def decimate_blocks(
         values = evaluate(slice(begin, first + factor * (last - 1) + 1))
         # Filters copy what they filter several times over: one joint at a time is enough.
         parts = [values] if values.ndim < 3 else [values[:, index] for index in range(values.shape[1])]
-        rows = [decimate_columns(part, decimation) for part in parts]
+        rows = [decimate(part, decimation) for part in parts]
         away = last - len(rows[0])
         kept_rows = [part[start - away : stop - away] for part in rows]
         yield slice(start, stop), kept_rows[0] if values.ndim < 3 else np.stack(kept_rows, axis=1)

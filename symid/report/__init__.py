@@ -6,24 +6,17 @@ if TYPE_CHECKING:
     from symid.report.blocks import (
         Block as Block,
         Drawing as Drawing,
-        format_table as format_table,
+        Table as Table,
         write_html as write_html,
         write_svg as write_svg,
         write_text as write_text,
     )
-    from symid.report.elastic_page import (
-        ElasticExtras as ElasticExtras,
-        write_elastic_report as write_elastic_report,
-    )
+    from symid.report.elastic_page import build_elastic_page as build_elastic_page
     from symid.report.fit_page import (
-        KnownRobot as KnownRobot,
-        Page as Page,
-        PageRequest as PageRequest,
+        WrittenPage as WrittenPage,
         draw_fit as draw_fit,
         judge_fit as judge_fit,
-        write_elastic_page as write_elastic_page,
-        write_friction_page as write_friction_page,
-        write_rigid_page as write_rigid_page,
+        write_fit_page as write_fit_page,
     )
     from symid.report.fit_text import (
         describe_alignment as describe_alignment,
@@ -38,7 +31,7 @@ if TYPE_CHECKING:
         show_springs as show_springs,
         show_stiffness as show_stiffness,
     )
-    from symid.report.friction_study_page import write_friction_study_report as write_friction_study_report
+    from symid.report.friction_study_page import build_friction_study_page as build_friction_study_page
     from symid.report.log_text import (
         describe_excitation as describe_excitation,
         describe_log as describe_log,
@@ -52,7 +45,7 @@ if TYPE_CHECKING:
         summarise_robot as summarise_robot,
         warn_payload as warn_payload,
     )
-    from symid.report.pages import TrackingRuns as TrackingRuns, describe_origin as describe_origin
+    from symid.report.pages import describe_origin as describe_origin, write_page as write_page
     from symid.report.robot_text import (
         describe_base as describe_base,
         describe_code as describe_code,

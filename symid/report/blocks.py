@@ -1,16 +1,18 @@
-"""What a result is printed with: paragraphs, tables and figures, for a terminal and for a notebook.
+"""What a result is printed with: paragraphs, tables and figures, for a terminal, a notebook and a page.
 
 Texts, cells, drawings -> plain text, or HTML that needs nothing else.
 
 Supported: cells of text, numbers, truth values and None, which is an empty cell; figures as SVG, which a
-terminal leaves out.
+terminal leaves out; "== heading ==", "=== heading below it ===", and formulas, which begin with four blanks.
 """
 
 import html
 import math
 import re
-from collections.abc import Sequence
+import textwrap
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from functools import cache
 
 from symid.environment import locate_resource_folder
@@ -30,10 +32,12 @@ _COLOURS = {
 _TABLES = """.symid table { border-collapse: collapse; font-variant-numeric: tabular-nums; margin: .4em 0 }
 .symid td, .symid th { padding: .2em .6em; border-bottom: 1px solid #8884 }
 .symid td, .symid th { text-align: right; white-space: nowrap }
-.symid table td.text, .symid table th.text { text-align: left }
-.symid table td.long { white-space: normal }
+.symid table .text { text-align: left }
+.symid table .long { white-space: normal }
+.symid table .no { color: #c84a4a } .symid th[scope=row] { font-weight: inherit }
 .symid caption { text-align: left; opacity: .75; white-space: pre-wrap }
-.symid p { white-space: pre-wrap; margin: .4em 0 } .symid p.head { font-weight: 600; margin-top: 1em }
+.symid p { white-space: pre-wrap; margin: .4em 0 }
+.symid h2, .symid h3 { font-size: 1em; font-weight: 600; margin: 1em 0 .4em }
 .symid.fail { border-left: .3em solid #c84a4a; padding-left: .6em }
 .symid figure { margin: .4em 0 } .symid figcaption { opacity: .75 }
 .symid svg { max-width: 46em; width: 100%; height: auto }
@@ -41,9 +45,10 @@ _TABLES = """.symid table { border-collapse: collapse; font-variant-numeric: tab
 """
 # The names before a rule: at the beginning of a line, and behind commas before its brace.
 _SELECTOR = re.compile(r"(?:^|(?<=, ))(?=[\w.]+[^{}]*\{)", re.MULTILINE)
-_LONG = 30
+_NOTE_WIDTH = 110
+_LONG = 24
 """Letters of a cell that may be broken into lines."""
-_HEADING = re.compile(r"== (.*) ==")
+_HEADING = re.compile(r"(={2,3}) (.*) \1")
 _SIZE = re.compile(r'viewBox="0 0 ([0-9.]+) ([0-9.]+)"')
 
 
@@ -51,18 +56,20 @@ _SIZE = re.compile(r'viewBox="0 0 ([0-9.]+) ([0-9.]+)"')
 class Table:
     """A table: the names of its columns, its rows, and which columns stand flush left.
 
-    `title` stands right above it, `note` right below.
+    `title` stands right above it, `note` right below; the row `picked` stands out in HTML. There a cell of
+    two lines is a formula, or nothing, and what is said of it.
     """
 
-    header: tuple[str, ...]
-    rows: tuple[tuple[object, ...], ...]
-    left: tuple[int, ...] = (0,)
+    header: Sequence[str]
+    rows: Sequence[Sequence[object]]
+    left: Sequence[int] = (0,)
     title: str = ""
     note: str = ""
+    picked: int | None = None
 
     def __str__(self) -> str:
         """Return the table as it stands in a terminal."""
-        cells = [self.header, *(tuple(map(_format_cell, row)) for row in self.rows)]
+        cells = [self.header, *([_format_cell(cell) for cell in row] for row in self.rows)]
         widths = [max(len(row[k]) for row in cells) for k in range(len(self.header))]
         lines = [
             "  ".join(
@@ -72,37 +79,45 @@ class Table:
             for row in cells
         ]
         rule = "  ".join("-" * width for width in widths)
-        title, note = ([text] if text else [] for text in (self.title, self.note))
+        title = [self.title] if self.title else []
+        note = [textwrap.fill(line, width=_NOTE_WIDTH) for line in self.note.splitlines()]
         return "\n".join((*title, lines[0], rule, *lines[1:], *note))
 
     def write_html(self) -> str:
-        """Return the table as HTML."""
-        columns = list(zip(*self.rows, strict=True)) or [()] * len(self.header)
-        kinds = [
-            (
-                ' class="text long"'
-                if max(map(len, map(_format_cell, cells)), default=0) > _LONG
-                else ' class="text"'
-            )
-            if k in self.left
-            else ""
-            for k, cells in enumerate(columns)
-        ]
+        """Return the table as HTML; the first cell of a row is its heading."""
+        kinds = ["text" if k in self.left else "" for k in range(len(self.header))]
+        for k in self.left:
+            if any(len(_format_cell(row[k])) > _LONG for row in self.rows):
+                kinds[k] = "text long"
         head = "".join(
-            f"<th{kind}>{html.escape(name)}</th>" for name, kind in zip(self.header, kinds, strict=True)
+            f'<th scope="col"{_write_class(kind)}>{html.escape(name)}</th>'
+            for name, kind in zip(self.header, kinds, strict=True)
         )
-        rows = "".join(
-            "<tr>"
-            + "".join(
-                f"<td{kind}>{html.escape(_format_cell(cell))}</td>"
-                for cell, kind in zip(row, kinds, strict=True)
-            )
-            + "</tr>"
-            for row in self.rows
-        )
+        rows = []
+        for number, row in enumerate(self.rows):
+            tags = ('th scope="row"', *("td" for _ in row[1:]))
+            inner = "".join(map(_write_cell, row, kinds, tags))
+            rows.append(f"<tr{_write_class('picked' * (number == self.picked))}>{inner}</tr>")
         caption = f"<caption>{html.escape(self.title)}</caption>" if self.title else ""
         note = f"<p>{html.escape(self.note)}</p>" if self.note else ""
-        return f"<table>{caption}<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>{note}"
+        return (
+            f'<div class="scroll">\n<table>{caption}<thead><tr>{head}</tr></thead>'
+            f"<tbody>{''.join(rows)}</tbody></table>\n</div>{note}"
+        )
+
+
+def _write_class(names: str) -> str:
+    return f' class="{names}"' if names else ""
+
+
+def _write_cell(cell: object, kind: str, tag: str) -> str:
+    """Return a cell with its tag; "no" stands out."""
+    kind = f"{kind} no".strip() if cell is False else kind
+    formula, line_break, words = _format_cell(cell).partition("\n")
+    text = html.escape(formula)
+    if line_break:
+        text = f"{f'<code>{text}</code>' if text else ''}<span>{html.escape(words)}</span>"
+    return f"<{tag}{_write_class(kind)}>{text}</{tag.partition(' ')[0]}>"
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,17 +130,6 @@ class Drawing:
 
 Block = str | Table | Drawing
 """A part of what a result says; parts stand apart by an empty line."""
-
-
-def format_table(
-    header: Sequence[str],
-    rows: Sequence[Sequence[object]],
-    left: Sequence[int] = (0,),
-    title: str = "",
-    note: str = "",
-) -> Table:
-    """Return a table; columns whose number is in `left` are flush left."""
-    return Table(tuple(header), tuple(map(tuple, rows)), tuple(left), title, note)
 
 
 def write_text(blocks: Sequence[Block]) -> str:
@@ -149,21 +153,27 @@ def write_html(blocks: Sequence[Block], *, failed: bool = False) -> str:
         blocks: in their order.
         failed: whether the result is not acceptable, which a bar at the left then shows.
     """
-    parts = []
-    for block in blocks:
-        match block:
-            case Table():
-                parts.append(block.write_html())
-            case Drawing():
-                caption = html.escape(block.caption)
-                parts.append(f"<figure>{block.svg}<figcaption>{caption}</figcaption></figure>")
-            case _:
-                head = _HEADING.fullmatch(block)
-                parts.append(
-                    f'<p class="head">{html.escape(head[1])}</p>' if head else f"<p>{html.escape(block)}</p>"
-                )
     kind = "symid fail" if failed else "symid"
-    return f'{_load_style()}<div class="{kind}">{"".join(parts)}</div>'
+    return f'{_load_style()}<div class="{kind}">{write_elements(blocks)}</div>'
+
+
+def write_elements(blocks: Iterable[Block]) -> str:
+    """Return the blocks as elements of HTML, without their style."""
+    return "\n".join(map(_write_element, blocks))
+
+
+def _write_element(block: Block) -> str:
+    match block:
+        case Table():
+            return block.write_html()
+        case Drawing():
+            return f"<figure>{block.svg}<figcaption>{html.escape(block.caption)}</figcaption></figure>"
+    heading = _HEADING.fullmatch(block)
+    if heading:
+        level = len(heading[1])
+        return f"<h{level}>{html.escape(heading[2])}</h{level}>"
+    text = html.escape(block)
+    return f"<p><code>{text.strip()}</code></p>" if block.startswith("    ") else f"<p>{text}</p>"
 
 
 def write_svg(drawings: Sequence[Drawing]) -> str:
@@ -180,6 +190,18 @@ def write_svg(drawings: Sequence[Drawing]) -> str:
         top, width = top + height, max(width, across)
     head = f'<svg class="symid" xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {top:g}">'
     return f"{head}{_load_style()}{''.join(parts)}</svg>\n"
+
+
+def select_fields(record: object, fields: str) -> dict[str, object]:
+    """Return fields of a record for programs: by their names, or "key=name" where the key is another one."""
+    pairs = (entry.partition("=") for entry in fields.split())
+    values = {key: getattr(record, name or key) for key, _, name in pairs}
+    return {key: value.tolist() if hasattr(value, "tolist") else value for key, value in values.items()}
+
+
+def describe_outcome(outcome: Enum) -> dict[str, str]:
+    """Return the name of an outcome, and what it says."""
+    return {"name": outcome.name.lower(), "text": outcome.value}
 
 
 def _format_cell(value: object) -> str:

@@ -1,141 +1,192 @@
-"""The report of an elastic identification: one HTML file that needs nothing else.
+"""The page of an elastic identification.
 
-`ElasticEstimate`, what it predicts of logs, further comparisons and motions -> a page with verdict,
-hysteresis loops, springs, parameters, methods, convergence, tracking, residuals, settings.
+`ElasticEstimate`, what it predicts of logs, motions with its feed-forward -> `Page` with verdict, hysteresis
+loops, springs, parameters, methods, convergence, tracking, residuals, settings.
 
 Loops show the joint torque against its torsion, measured and by the springs; springs show their numbers,
 their branches, and what was not excited, with the truth beside them where it is known.
 
-Supported: printing, light and dark screens, screen readers; no scripts, no network; springs with stops and
-knees, cubic parts, damping. Sections without data are left out.
-Not supported: more than one robot on a page; uncertainties of single stops: they trade with their neighbours.
+Supported: springs with stops and knees, cubic parts, damping. Sections without data are left out.
+Not supported: uncertainties of single stops: they trade with their neighbours.
 """
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from symid import __version__
 from symid.arrays import FloatArray
 from symid.errors import Notice
 from symid.identification.elastic import (
     ElasticEstimate,
     ElasticTrial,
+    HistoryEntry,
     JointTrial,
-    MethodTrial,
     SpringEstimate,
 )
-from symid.identification.rigid import write_file
 from symid.joint_models import compute_first_curve, compute_hysteresis_torque, compute_spring_work
-from symid.report.figures import Line, build_curve_figure, build_line_figure
-from symid.report.pages import (
-    ComparedMethod,
-    ConvergenceSection,
-    MethodComparison,
-    MethodSection,
-    ParameterLine,
-    ResidualLine,
-    TrackingRuns,
-    TrackingSection,
-    build_convergence_section,
-    build_method_section,
-    build_parameter_line,
-    build_residual_line,
-    build_tracking_section,
-    format_error,
-    list_settings,
-    render_page,
+from symid.report.blocks import Block, Drawing, Table
+from symid.report.figures import (
+    STYLES,
+    Interval,
+    Line,
+    build_curve_figure,
+    build_interval_figure,
+    build_line_figure,
 )
-from symid.report.verdict import FitVerdict, judge_elastic
+from symid.report.fit_text import show_residual
+from symid.report.pages import (
+    Page,
+    format_error,
+    list_notices,
+    list_origin,
+    list_settings,
+    show_refused,
+    tabulate_parameters,
+)
+from symid.report.verdict import judge_elastic
 from symid.robot import Elasticity
 
+if TYPE_CHECKING:
+    from symid.identification.elastic import TrackingRun
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LoopSection:
-    """The figures of one joint, as SVG: loops, loops without their common slope, what the spring leaves.
+_LOOPS = (
+    "Joint torque against torsion: measured, by the springs, and the truth where it is known. Time runs "
+    "clockwise round a loop; its area is energy lost."
+)
+_BRANCHES = "The identified spring by its own memory: first curve from rest, outer loop, loops nested in it."
+_PREDICTION = (
+    "The prediction error is the mean square of torques that were left out of the fit, less what it says of "
+    "them, in units of the noise: noise alone would leave 1."
+)
+_SAMPLES = 400
+"""Of each branch of a figure."""
+_TURNS = (0.6, -0.3, 0.45, -0.1, 0.3)
+"""Where the nested loops of the figure turn, in parts of the amplitude."""
 
-    The last is empty where no spring was found.
+
+def build_elastic_page(
+    estimate: ElasticEstimate,
+    trials: Sequence[ElasticTrial] = (),
+    notices: Sequence[Notice] = (),
+    origin: Sequence[str] = (),
+    *,
+    iterated: ElasticEstimate | None = None,
+    tracking: "Sequence[TrackingRun]" = (),
+) -> Page:
+    """Return all that the page shows.
+
+    Args:
+        estimate: of dynamics and springs.
+        trials: what it says of logs, held out or not.
+        notices: what else a reader should know: of the robot, its library, and the recordings.
+        origin: what the page was made from, in short texts.
+        iterated: another estimate from the same logs, whose iterations are shown where the result has none.
+        tracking: motions with several feed-forwards.
     """
-
-    joint: str
-    loops: str
-    opened: str
-    error: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TrialSection:
-    """One log: its figures, and tables of residuals, each with a caption."""
-
-    source: str
-    caption: str
-    joints: tuple[LoopSection, ...]
-    residuals: tuple[tuple[str, tuple[ResidualLine, ...]], ...]
-
-
-def build_trial_section(trial: ElasticTrial) -> TrialSection:
-    """Return the section of one log."""
-    caption = "Held out: nothing was fitted here."
-    if trial.fitted:
-        caption = "A log of the fit: this is no test."
-    return TrialSection(
-        source=trial.source,
-        caption=caption,
-        joints=tuple(map(_build_loop_section, trial.joints)),
-        residuals=tuple((text, tuple(map(build_residual_line, lines))) for text, lines in trial.residuals),
+    refused = {name for name, _ in estimate.refused}
+    kept = [entry for entry in estimate.parameters if entry.name not in refused]
+    if not estimate.covariance:
+        kept = [replace(entry, std=math.inf) for entry in kept]
+    head = (
+        ("method of the result", estimate.method),
+        ("outcome", estimate.outcome.value),
+        ("logs", ", ".join(estimate.sources)),
+        ("rows fitted", str(sum(entry.samples for entry in estimate.residual))),
+        ("condition of the scaled matrix", f"{estimate.condition:.4g}"),
+        ("signature of the model", estimate.signature),
     )
-
-
-def _build_loop_section(entry: JointTrial) -> LoopSection:
-    slope = entry.straight
-    stiffness = f"{slope:.4g} {entry.unit}/{entry.torsion_unit}"
-    return LoopSection(
-        joint=entry.joint,
-        loops=_draw_loops(
-            entry,
-            0.0,
-            f"{entry.joint}: hysteresis loops",
-            f"Joint torque of {entry.joint} in {entry.unit} against its torsion: measured from the motor, "
-            "from the link, and by the springs.",
-            f"joint torque ({entry.unit})",
+    springs = [entry for entry in estimate.springs if entry.told]
+    # What has no iterations of its own shows those of another method.
+    course = iterated if iterated is not None and len(estimate.history) < 2 else estimate
+    return Page(
+        robot=estimate.robot,
+        subject="identified dynamics and springs",
+        verdict=judge_elastic(estimate, trials),
+        blocks=(
+            *_show_trials(trials),
+            *(("== Springs ==",) if springs else ()),
+            *(block for entry in springs for block in show_spring(entry)),
+            *("== Parameters ==", tabulate_parameters(kept), *show_refused(estimate.refused)),
+            *("== Methods ==", f"{estimate.reason[:1].upper()}{estimate.reason[1:]}."),
+            *_compare_methods(estimate),
+            *_show_convergence(course),
+            *(_show_tracking(estimate, tracking) if tracking else ()),
+            "== Residual of the fit ==",
+            show_residual(
+                estimate.residual,
+                "Torque of the motors by their own dynamics and the springs, in the logs of the fit.",
+            ),
+            show_residual((estimate.energy,), "Energy over windows, in the logs of the fit."),
         ),
-        opened=_draw_loops(
-            entry,
-            slope,
-            f"{entry.joint}: hysteresis loops, opened",
-            f"Joint torque of {entry.joint} less {stiffness} times its torsion, against its torsion.",
-            f"torque less {stiffness} \N{MULTIPLICATION SIGN} torsion ({entry.unit})",
-        ),
-        error="" if entry.final is None else _draw_spring_error(entry, entry.final),
+        settings=head + tuple(list_settings(estimate.settings)),
+        notices=list_notices((*estimate.notices, *notices)),
+        origin=list_origin(origin),
+        conventions="torsion is motor less link position, torques and inertias are those of the joint side",
     )
 
 
-def _draw_loops(entry: JointTrial, slope: float, title: str, description: str, label: str) -> str:
-    return build_curve_figure(
-        title,
-        description,
-        (f"torsion (m{entry.torsion_unit})", label),
-        [
-            Line(label=name, style=style, x=1e3 * entry.torsion, y=values - slope * entry.torsion)
-            for name, style, values in _list_torque_curves(entry)
-        ],
+def _show_trials(trials: Sequence[ElasticTrial]) -> Iterator[Block]:
+    """Yield loops and residuals log by log."""
+    if not trials:
+        yield "== Hysteresis loops =="
+        yield (
+            "No held-out log was given. A model that has only met the logs it was fitted to is not tested: "
+            "give another motion with --validation."
+        )
+    for trial in trials:
+        caption = (
+            "A log of the fit: this is no test." if trial.fitted else "Held out: nothing was fitted here."
+        )
+        yield f"== Hysteresis loops: {trial.source} =="
+        yield f"{caption} Torques and torsions passed the same filter, so that no loop comes from it."
+        for joint in trial.joints:
+            yield f"=== {joint.joint} ==="
+            yield Drawing(draw_loops(joint), _LOOPS)
+            yield Drawing(
+                draw_loops(joint, opened=True),
+                "The same loops without their common slope, so that they open.",
+            )
+            if joint.final is not None:
+                text = "What the springs leave of the measured joint torque."
+                yield Drawing(_draw_spring_error(joint, joint.final), text)
+        yield from (show_residual(lines, text) for text, lines in trial.residuals)
+
+
+def draw_loops(entry: JointTrial, *, opened: bool = False) -> str:
+    """Return the joint torque over torsion, or, opened, less the straight line that fits it best."""
+    unit, slope = entry.unit, entry.straight if opened else 0.0
+    stiffness = f"{entry.straight:.4g} {unit}/{entry.torsion_unit}"
+    title = f"{entry.joint}: hysteresis loops"
+    description = (
+        f"Joint torque of {entry.joint} in {unit} against its torsion: measured from the motor, from the "
+        "link, and by the springs."
     )
-
-
-def _list_torque_curves(entry: JointTrial) -> list[tuple[str, str, FloatArray]]:
-    """Return every way to the joint torque with its style, what is to lie on top last."""
-    label, linear = _get_linear_torque(entry)
+    label = f"joint torque ({unit})"
+    if opened:
+        title += ", opened"
+        description = (
+            f"Joint torque of {entry.joint} less {stiffness} times its torsion, against its torsion."
+        )
+        label = f"torque less {stiffness} \N{MULTIPLICATION SIGN} torsion ({unit})"
+    name, linear = _get_linear_torque(entry)
+    # What is to lie on top stands last.
     ways = (
         ("truth", "truth", entry.truth),
         ("measured, motor side", "measured", entry.motor),
         ("measured, link side", "link", entry.link),
-        (label, "initial", linear),
+        (name, "initial", linear),
         ("identified", "final", entry.final),
     )
-    return [(label, style, values) for label, style, values in ways if values is not None]
+    lines = [
+        Line(label=name, style=style, x=1e3 * entry.torsion, y=values - slope * entry.torsion)
+        for name, style, values in ways
+        if values is not None
+    ]
+    return build_curve_figure(title, description, (f"torsion (m{entry.torsion_unit})", label), lines)
 
 
 def _get_linear_torque(entry: JointTrial) -> tuple[str, FloatArray]:
@@ -159,67 +210,28 @@ def _draw_spring_error(entry: JointTrial, final: FloatArray) -> str:
     )
 
 
-_SAMPLES = 400
-"""Of each branch of a figure."""
-_TURNS = (0.6, -0.3, 0.45, -0.1, 0.3)
-"""Where the nested loops of the figure turn, in parts of the amplitude."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SpringLine:
-    """A row of a table of spring values, ready to print; `truth` and `error` may be empty."""
-
-    name: str
-    value: str
-    unit: str
-    truth: str = ""
-    error: str = ""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SpringSection:
-    """One joint's spring: what it is like, its values, and its branches as SVG.
-
-    `stops` are rows of threshold, stiffness, torque at which it slips; `knees` of torque, slope beyond.
-    `truth` are sentences on the true ones.
-    """
-
-    joint: str
-    words: tuple[str, ...]
-    lines: tuple[SpringLine, ...]
-    has_truth: bool
-    stops: tuple[tuple[str, str, str], ...]
-    knees: tuple[tuple[str, str], ...]
-    stop_units: tuple[str, str, str]
-    knee_unit: str
-    truth: tuple[str, ...]
-    branches: str
-
-
-def build_spring_section(estimate: SpringEstimate) -> SpringSection:
-    """Return the section of one joint's spring; all its stiffnesses must be known."""
+def show_spring(estimate: SpringEstimate) -> Iterator[Block]:
+    """Yield what the page shows of one joint's spring; all its stiffnesses must be known."""
     torsion, unit = estimate.position_unit, estimate.torque_unit
+    yield f"=== {estimate.joint} ==="
+    yield from _describe_reach(estimate)
+    yield Drawing(draw_branches(estimate), _BRANCHES)
+    yield _tabulate_spring(estimate)
     stops, knees = _list_stops(estimate.elasticity), _list_knees(estimate.elasticity)
-    truth = []
+    if stops:
+        header = (f"threshold (m{torsion})", f"stiffness ({unit}/{torsion})", f"slips at ({unit})")
+        yield Table(header, stops, title="Stops: springs behind dry friction.")
+    if knees:
+        text = "Knees: from these torques on the spring is harder or softer, by this factor in all."
+        yield Table((f"torque ({unit})", "slope beyond"), knees, title=text)
     if estimate.truth is not None:
-        places = (
+        places = [
             f"{value} {unit}/{torsion} at {place} m{torsion}"
             for place, value, _ in _list_stops(estimate.truth)
-        )
-        bends = (f"{slope} beyond {place} {unit}" for place, slope in _list_knees(estimate.truth))
-        truth = [f"True stops: {', '.join(places) or 'none'}.", f"True slopes: {', '.join(bends) or '1'}."]
-    return SpringSection(
-        joint=estimate.joint,
-        words=tuple(_describe_reach(estimate)),
-        lines=_list_values(estimate),
-        has_truth=estimate.truth is not None,
-        stops=stops,
-        knees=knees,
-        stop_units=(f"m{torsion}", f"{unit}/{torsion}", unit),
-        knee_unit=unit,
-        truth=tuple(truth),
-        branches=_draw_branches(estimate),
-    )
+        ]
+        bends = [f"{slope} beyond {place} {unit}" for place, slope in _list_knees(estimate.truth)]
+        yield f"True stops: {', '.join(places) or 'none'}."
+        yield f"True slopes: {', '.join(bends) or '1'}."
 
 
 def _list_stops(spring: Elasticity) -> tuple[tuple[str, str, str], ...]:
@@ -249,8 +261,8 @@ def _choose_amplitude(estimate: SpringEstimate) -> float:
     return estimate.torsion or 1.25 * last or 0.01
 
 
-def _list_values(estimate: SpringEstimate) -> tuple[SpringLine, ...]:
-    """Return the rows that can be compared between springs of other thresholds."""
+def _tabulate_spring(estimate: SpringEstimate) -> Table:
+    """Return what can be compared between springs of other thresholds."""
     amplitude = _choose_amplitude(estimate)
     stiffness = f"{estimate.torque_unit}/{estimate.position_unit}"
     found = _measure_spring(estimate.elasticity, amplitude)
@@ -262,21 +274,20 @@ def _list_values(estimate: SpringEstimate) -> tuple[SpringLine, ...]:
         (f"torque over torsion at {reach}", stiffness),
         (f"energy lost in a cycle of {reach}", "J"),
     )
-    lines = []
+    rows: list[tuple[object, ...]] = []
     for index, (name, unit) in enumerate(names):
         value = found[index]
-        truth, error = "", ""
-        if known is not None:
-            truth = f"{known[index]:.4g}"
-            if known[index]:
-                error = format_error(value, known[index])
-        lines.append(SpringLine(name=name, value=f"{value:.4g}", unit=unit, truth=truth, error=error))
+        true = () if known is None else (f"{known[index]:.4g}", format_error(value, known[index]))
+        rows.append((name, f"{value:.4g}", *true, unit))
     extra = (
         ("cubic stiffness", estimate.elasticity.cubic, f"{stiffness}\N{SUPERSCRIPT THREE}"),
         ("damping", estimate.elasticity.damping, f"{estimate.torque_unit} s/{estimate.position_unit}"),
     )
-    lines += [SpringLine(name=name, value=f"{value:.4g}", unit=unit) for name, value, unit in extra if value]
-    return tuple(lines)
+    empty = () if known is None else ("", "")
+    rows += [(name, f"{value:.4g}", *empty, unit) for name, value, unit in extra if value]
+    header = ("quantity", "value", *(() if known is None else ("truth", "error")), "unit")
+    title = "Values that do not depend on where thresholds were put."
+    return Table(header, rows, (0, len(header) - 1), title)
 
 
 def _measure_spring(spring: Elasticity, amplitude: float) -> tuple[float, float, float, float]:
@@ -312,7 +323,7 @@ def _describe_reach(estimate: SpringEstimate) -> list[str]:
     return texts
 
 
-def _draw_branches(estimate: SpringEstimate) -> str:
+def draw_branches(estimate: SpringEstimate) -> str:
     """Return first curve, outer loop, nested loops, all by the spring's own memory."""
     amplitude = _choose_amplitude(estimate)
     whole = _sweep_torsion(
@@ -353,148 +364,141 @@ def _write_minus(text: str) -> str:
     return text.replace("-", "\N{MINUS SIGN}")
 
 
-_TEMPLATE = "elastic.html.jinja"
-_PREDICTION = (
-    "The prediction error is the mean square of torques that were left out of the fit, less what it says of "
-    "them, in units of the noise: noise alone would leave 1."
-)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ElasticExtras:
-    """What a report shows besides the estimate.
-
-    Args:
-        trials: what it says of logs, held out or not.
-        iterated: another estimate from the same logs, whose iterations are shown where the result has none.
-        comparisons: of methods, for example over many runs with a known truth.
-        tracking: motions with several feed-forwards.
-        notices: what else a reader should know: of the robot, its library, and the recordings.
-        origin: what the page was made from, in short texts.
-    """
-
-    trials: tuple[ElasticTrial, ...] = ()
-    iterated: ElasticEstimate | None = None
-    comparisons: tuple[MethodComparison, ...] = ()
-    tracking: TrackingRuns | None = None
-    notices: tuple[Notice, ...] = ()
-    origin: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ElasticPage:
-    """The context of the page: its fields are the template's variables."""
-
-    robot: str
-    verdict: FitVerdict
-    trials: tuple[TrialSection, ...]
-    springs: tuple[SpringSection, ...]
-    has_truth: bool
-    parameters: tuple[ParameterLine, ...]
-    refused: tuple[tuple[str, str], ...]
-    reason: str
-    comparisons: tuple[MethodSection, ...]
-    convergence: ConvergenceSection | None
-    tracking: TrackingSection | None
-    residuals: tuple[tuple[str, tuple[ResidualLine, ...]], ...]
-    settings: tuple[tuple[str, str], ...]
-    notices: tuple[str, ...]
-    origin: tuple[str, ...]
-
-
-def write_elastic_report(path: Path, estimate: ElasticEstimate, extras: ElasticExtras | None = None) -> Path:
-    """Write the page to `path`, at once or not at all, and return the path.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
-    return write_file(path, render_page(_TEMPLATE, build_elastic_report(estimate, extras)))
-
-
-def build_elastic_report(estimate: ElasticEstimate, extras: ElasticExtras | None = None) -> ElasticPage:
-    """Return all that the page shows."""
-    extras = extras or ElasticExtras()
-    refused = {name for name, _ in estimate.refused}
-    kept = [entry for entry in estimate.parameters if entry.name not in refused]
-    if not estimate.covariance:
-        kept = [replace(entry, std=math.inf) for entry in kept]
-    comparisons = map(build_method_section, (_compare_trials(estimate), *extras.comparisons))
-    units = [entry.unit for entry in estimate.residual]
-    torques = [(entry.joint, entry.unit) for entry in estimate.residual]
-    positions = [
-        (entry.joint, "m" if unit == "N" else "rad")
-        for entry, unit in zip(estimate.residual, units, strict=True)
-    ]
-    return ElasticPage(
-        robot=estimate.robot,
-        verdict=judge_elastic(estimate, extras.trials),
-        trials=tuple(map(build_trial_section, extras.trials)),
-        springs=tuple(build_spring_section(entry) for entry in estimate.springs if entry.told),
-        has_truth=any(entry.truth is not None for entry in kept),
-        parameters=tuple(map(build_parameter_line, kept)),
-        refused=estimate.refused,
-        reason=f"{estimate.reason[:1].upper()}{estimate.reason[1:]}.",
-        comparisons=tuple(entry for entry in comparisons if entry is not None),
-        convergence=_show_iterations(estimate, extras.iterated, torques),
-        tracking=build_tracking_section(extras.tracking, positions),
-        residuals=(
-            (
-                "Torque of the motors by their own dynamics and the springs, in the logs of the fit.",
-                tuple(map(build_residual_line, estimate.residual)),
-            ),
-            ("Energy over windows, in the logs of the fit.", (build_residual_line(estimate.energy),)),
-        ),
-        settings=_list_page_settings(estimate),
-        notices=tuple(dict.fromkeys(map(str, (*estimate.notices, *extras.notices)))),
-        origin=(f"Written by symid {__version__}", *extras.origin),
-    )
-
-
-def _show_iterations(
-    estimate: ElasticEstimate, other: ElasticEstimate | None, joints: list[tuple[str, str]]
-) -> ConvergenceSection | None:
-    """Return the iterations of the result or, where it has none, those of another method."""
-    shown = other if other is not None and len(estimate.history) < 2 else estimate
-    return build_convergence_section(shown.history, joints, f"{shown.method}, {shown.outcome.value}")
-
-
-def _compare_trials(estimate: ElasticEstimate) -> MethodComparison:
-    """Return the methods that were tried, by their error of prediction and their distance from the truth."""
+def _compare_methods(estimate: ElasticEstimate) -> Iterator[Block]:
+    """Yield the methods that were tried, by their error of prediction and their distance from the truth."""
+    trials = estimate.trials
+    if len(trials) < 2:
+        return
     truth = [entry.truth for entry in estimate.parameters]
-    scores = []
-    for trial in estimate.trials:
-        distance = _compute_largest_error(trial, truth)
-        scores.append(
-            ComparedMethod(
-                method=trial.method,
-                middles=(trial.error, distance),
-                outcome=trial.outcome.value,
-                chosen=trial.method == estimate.method,
-            )
-        )
-    measures: tuple[tuple[str, str], ...] = (
-        ("prediction error", "noise = 1"),
-        ("largest error of a parameter", "%"),
+    scores = [(trial.error, _compute_largest_error(trial.values, truth)) for trial in trials]
+    measures = ["prediction error (noise = 1)", "largest error of a parameter (%)"]
+    if all(distance is None for _, distance in scores):
+        del measures[1]
+    chosen = [trial.method == estimate.method for trial in trials]
+    names = [
+        f"{trial.method} (chosen)" if mine else trial.method
+        for trial, mine in zip(trials, chosen, strict=True)
+    ]
+    rows = [
+        (name, *map(_format_score, score[: len(measures)]), trial.outcome.value)
+        for name, score, trial in zip(names, scores, trials, strict=True)
+    ]
+    yield _PREDICTION
+    yield Table(
+        ("method", *measures, "outcome"),
+        rows,
+        (0, len(measures) + 1),
+        "Methods on the same logs. Less is better.",
+        picked=chosen.index(True) if any(chosen) else None,
     )
-    if all(score.middles[1] is None for score in scores):
-        measures = measures[:1]
-        scores = [replace(score, middles=score.middles[:1]) for score in scores]
-    return MethodComparison(measures=measures, scores=tuple(scores), words=(_PREDICTION,))
+    for index, measure in enumerate(measures):
+        intervals = [
+            Interval(label=name, middle=score[index] or 0.0, text=_format_score(score[index]), chosen=mine)
+            for name, score, mine in zip(names, scores, chosen, strict=True)
+            if score[index] is not None and math.isfinite(score[index] or 0.0)
+        ]
+        if len(intervals) > 1:
+            text = f"{measure}, value of every method; less is better."
+            figure = build_interval_figure(f"{measure} by method", text, measure, intervals)
+            what = measure.partition(" (")[0]
+            yield Drawing(figure, f"{what[:1].upper()}{what[1:]}: a mark for every method.")
 
 
-def _compute_largest_error(trial: MethodTrial, truth: list[float | None]) -> float | None:
+def _format_score(value: float | None) -> str:
+    if value is None:
+        return "\N{EN DASH}"
+    return f"{value:.4g}" if math.isfinite(value) else "failed"
+
+
+def _compute_largest_error(values: Sequence[float], truth: Sequence[float | None]) -> float | None:
     """Return the largest relative error in percent over the parameters whose truth is not zero."""
-    pairs = [(value, true) for value, true in zip(trial.values, truth, strict=True) if true]
+    pairs = [(value, true) for value, true in zip(values, truth, strict=True) if true]
     return max((100.0 * abs(value - true) / abs(true) for value, true in pairs), default=None)
 
 
-def _list_page_settings(estimate: ElasticEstimate) -> tuple[tuple[str, str], ...]:
-    head = (
-        ("method of the result", estimate.method),
-        ("outcome", estimate.outcome.value),
-        ("logs", ", ".join(estimate.sources)),
-        ("rows fitted", str(sum(entry.samples for entry in estimate.residual))),
-        ("condition of the scaled matrix", f"{estimate.condition:.4g}"),
-        ("signature of the model", estimate.signature),
-    )
-    return head + tuple(list_settings(estimate.settings))
+def _show_convergence(estimate: ElasticEstimate) -> Iterator[Block]:
+    """Yield the course of the iterations; nothing where there are fewer than two."""
+    history = estimate.history
+    finite = [entry for entry in history if np.isfinite([entry.merit, entry.change, *entry.norms]).all()]
+    if len(finite) < 2:
+        return
+    heads = ["energy rows (J)", *(f"{entry.joint} ({entry.unit})" for entry in estimate.residual)]
+    heads = heads if all(len(entry.norms) == len(heads) for entry in finite) else []
+    yield "== Convergence =="
+    yield f"{len(history)} iterations of {estimate.method}, {estimate.outcome.value}."
+    yield from _draw_course(finite)
+    yield from _draw_norms(finite, heads)
+    rows = [
+        (
+            number,
+            f"{entry.merit:.6g}",
+            f"{entry.change:.2e}",
+            f"{entry.damping:g}",
+            *(f"{norm:.5g}" for norm in (entry.norms if heads else ())),
+        )
+        for number, entry in enumerate(history, start=1)
+    ]
+    header = ("iteration", "merit", "relative change", "damping", *heads)
+    yield Table(header, rows, title="Every iteration, with the norms of its residuals.")
+
+
+def _draw_course(history: Sequence[HistoryEntry]) -> Iterator[Drawing]:
+    number = np.arange(1.0, len(history) + 1.0)
+    merit = np.array([entry.merit for entry in history])
+    change = np.array([entry.change for entry in history])
+    lines = [
+        Line(label="merit", style="first", x=number, y=merit, markers=True),
+        Line(label="relative change of the parameters", style="second", x=number, y=change, markers=True),
+    ]
+    lines = [line for line in lines if np.any(line.y > 0.0)]
+    if lines:
+        figure = build_line_figure(
+            "Convergence",
+            "Merit and relative change of the parameters against the number of the iteration, logarithmic.",
+            ("iteration", "merit, change (1)"),
+            lines,
+            logarithmic=True,
+            whole=True,
+        )
+        yield Drawing(figure, "Merit and relative change of the parameters.")
+
+
+def _draw_norms(history: Sequence[HistoryEntry], heads: Sequence[str]) -> Iterator[Drawing]:
+    """Yield each norm relative to the first of it, so that units do not matter."""
+    number = np.arange(1.0, len(history) + 1.0)
+    lines = []
+    for index, head in enumerate(heads):
+        values = np.array([entry.norms[index] for entry in history])
+        if values[0] > 0.0:
+            style = STYLES[index % len(STYLES)]
+            lines.append(Line(label=head, style=style, x=number, y=values / values[0], markers=True))
+    if lines:
+        figure = build_line_figure(
+            "Residual norms",
+            "Norms of the residuals, relative to the first iteration, against the number of the iteration.",
+            ("iteration", "norm / first norm"),
+            lines,
+            whole=True,
+        )
+        yield Drawing(figure, "Norms of the residuals, relative to those of the first iteration.")
+
+
+def _show_tracking(estimate: ElasticEstimate, runs: "Sequence[TrackingRun]") -> Iterator[Block]:
+    """Yield the RMS of the tracking error of every joint, and its course with every feed-forward."""
+    joints = [(entry.joint, "m" if entry.unit == "N" else "rad") for entry in estimate.residual]
+    rows = [(run.name, *(f"{1e3 * value:.4g}" for value in run.rms.tolist())) for run in runs]
+    header = ("feed-forward", *(f"{name} (m{unit})" for name, unit in joints))
+    yield "== Tracking =="
+    yield Table(header, rows, title="RMS of reached less desired position of the links.")
+    for index, (name, unit) in enumerate(joints):
+        lines = [
+            Line(label=run.name, style=STYLES[number % len(STYLES)], x=run.time, y=1e3 * run.error[:, index])
+            for number, run in enumerate(runs)
+        ]
+        figure = build_line_figure(
+            f"{name}: tracking error",
+            f"Reached less desired position of {name} in m{unit} against time in s, for every feed-forward.",
+            ("time (s)", f"tracking error (m{unit})"),
+            lines,
+        )
+        yield Drawing(figure, f"Tracking error of {name} with every feed-forward.")

@@ -1,4 +1,4 @@
-"""Figures as inline SVG: lines, curves, clouds with bands, histograms, intervals.
+"""Figures as inline SVG: lines, curves, clouds of points, areas, histograms, marks in rows.
 
 Values with labels and units -> one `<svg>` element, with title and description for screen readers, in colours
 that hold on light and dark ground. The same input gives the same text.
@@ -7,8 +7,7 @@ Lines have at most 2000 points, thinned so that their shape stays: functions of 
 curves that turn back on themselves, such as hysteresis loops, keep their corners (Ramer 1972, Douglas and
 Peucker 1973).
 
-Supported: linear and logarithmic axes, names in place of a vertical axis; clouds and bands on linear axes,
-whose classes "cloud" and "area" the page must style.
+Supported: linear and logarithmic axes, names in place of a vertical axis; clouds of points and areas.
 Not supported: values that are not finite; gaps in a line; values on a logarithmic axis that are not positive
 are left out.
 """
@@ -232,13 +231,23 @@ _INVISIBLE = 0.15
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Line:
-    """A line of a figure; `style` is a class of the page's style sheet, `markers` draws its points too."""
+    """A line of a figure, or points that no line joins, or an outline whose inside is coloured.
+
+    Args:
+        label: for the legend, which lists it once.
+        style: a class of the pages' style sheet; "cloud" are points, "area" is an outline.
+        x: (N,) values along the horizontal axis.
+        y: (N,) values along the vertical one.
+        markers: whether points have marks.
+        joined: whether a line joins them.
+    """
 
     label: str
     style: str
     x: FloatArray
     y: FloatArray
     markers: bool = False
+    joined: bool = True
 
 
 def thin_line(x: FloatArray, y: FloatArray, points: int = POINTS) -> tuple[FloatArray, FloatArray]:
@@ -324,42 +333,47 @@ def build_line_figure(
         whole: whether the horizontal axis counts something.
     """
     if logarithmic:
-        lines = [entry for entry in map(_keep_positive, lines) if len(entry.x)]
+        positive = [(line, line.y > 0.0) for line in lines]
+        lines = [replace(line, x=line.x[kept], y=line.y[kept]) for line, kept in positive if kept.any()]
     frame = _build_plot_area(lines, (0.03 if whole else 0.0, 0.05), _LINE_HEIGHT, logarithmic=logarithmic)
     if whole:
         frame = replace(frame, x=replace(frame.x, whole=True))
-    body = draw_axes(frame, labels)
+    drawn: list[str] = []
     for line in lines:
         x, y = thin_line(line.x, line.y)
-        body += _draw_line(line, frame.place_x(x), frame.place_y(y))
-    return _finish_figure(title, description, frame, body, lines)
+        drawn += _draw_line(line, frame.place_x(x), frame.place_y(y))
+    return _finish_figure((title, description), labels, frame, drawn, lines)
 
 
-def build_curve_figure(title: str, description: str, labels: tuple[str, str], lines: Sequence[Line]) -> str:
-    """Return curves y(x) that need be no functions of x, such as hysteresis loops.
+def build_curve_figure(
+    title: str,
+    description: str,
+    labels: tuple[str, str],
+    lines: Sequence[Line],
+    *,
+    height: float = _CURVE_HEIGHT,
+) -> str:
+    """Return curves y(x) that need be no functions of x, such as hysteresis loops, clouds and areas.
 
     Args:
         title: what is shown.
         description: the same in a sentence, for readers that speak.
         labels: of the horizontal and the vertical axis, with units.
-        lines: at least one, each with at least one point.
+        lines: at least one, each with at least one point; later ones lie on top.
+        height: of the figure, without its legend.
     """
-    frame = _build_plot_area(lines, (0.03, 0.05), _CURVE_HEIGHT)
-    body = draw_axes(frame, labels)
+    frame = _build_plot_area(lines, (0.03, 0.05), height)
+    drawn: list[str] = []
     for line in lines:
-        body += _draw_line(line, *thin_curve(frame.place_x(line.x), frame.place_y(line.y)))
-    return _finish_figure(title, description, frame, body, lines)
-
-
-def _keep_positive(line: Line) -> Line:
-    kept = line.y > 0.0
-    return replace(line, x=line.x[kept], y=line.y[kept])
+        x, y = frame.place_x(line.x), frame.place_y(line.y)
+        drawn += _draw_line(line, *(thin_curve(x, y) if line.joined else (x, y)))
+    return _finish_figure((title, description), labels, frame, drawn, lines)
 
 
 def _build_plot_area(
     lines: Sequence[Line], margins: tuple[float, float], height: float, *, logarithmic: bool = False
 ) -> PlotArea:
-    above = measure_legend([line.label for line in lines])
+    above = measure_legend(list(dict.fromkeys(line.label for line in lines)))
     return PlotArea(
         x=build_axis([line.x for line in lines], margins[0]),
         y=build_axis([line.y for line in lines], margins[1], logarithmic=logarithmic),
@@ -369,104 +383,31 @@ def _build_plot_area(
 
 
 def _draw_line(line: Line, x: FloatArray, y: FloatArray) -> list[str]:
-    """Return the line through places in the drawing."""
-    parts = [f'<polyline class="line {line.style}" points="{format_points(x, y)}"/>']
+    """Return the line through places in the drawing, and the marks of its points."""
+    places = list(zip(x, y, strict=True))
+    parts = []
+    if line.joined:
+        parts.append(f'<polyline class="line {line.style}" points="{format_points(x, y)}"/>')
+    elif not line.markers:
+        # One path of lines without length, which round caps make dots.
+        path = "".join(f"M{a:.1f},{b:.1f}h0" for a, b in places)
+        parts.append(f'<path class="line {line.style}" d="{path}"/>')
     if line.markers:
-        parts += [
-            f'<circle class="mark {line.style}" cx="{a:.1f}" cy="{b:.1f}" r="3.2"/>'
-            for a, b in zip(x, y, strict=True)
-        ]
+        parts += [f'<circle class="mark {line.style}" cx="{a:.1f}" cy="{b:.1f}" r="3.2"/>' for a, b in places]
     return parts
 
 
 def _finish_figure(
-    title: str, description: str, frame: PlotArea, body: list[str], lines: Sequence[Line]
-) -> str:
-    if len(lines) > 1:
-        body += draw_legend([line.label for line in lines], [line.style for line in lines])
-    return wrap_figure(title, description, frame.height, body)
-
-
-_CLOUD_HEIGHT = 330.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Cloud:
-    """Samples that no line joins."""
-
-    label: str
-    x: FloatArray
-    y: FloatArray
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Band:
-    """The area between two curves over rising x."""
-
-    label: str
-    x: FloatArray
-    low: FloatArray
-    high: FloatArray
-
-
-def build_cloud_figure(
-    title: str,
-    description: str,
+    head: tuple[str, str],
     labels: tuple[str, str],
-    *,
-    clouds: Sequence[Cloud] = (),
-    bands: Sequence[Band] = (),
-    lines: Sequence[Line] = (),
+    frame: PlotArea,
+    drawn: list[str],
+    lines: Sequence[Line],
 ) -> str:
-    """Return bands, samples above them, curves above both.
-
-    Args:
-        title: what is shown.
-        description: the same in a sentence, for readers that speak.
-        labels: of the horizontal and the vertical axis, with units.
-        clouds: samples.
-        bands: areas.
-        lines: curves; at least one of all three, each with at least one point.
-    """
-    entries = [
-        *((cloud.label, "cloud") for cloud in clouds),
-        *((band.label, "band") for band in bands),
-        *((line.label, line.style) for line in lines),
-    ]
-    above = measure_legend([label for label, _ in entries])
-    across = [cloud.x for cloud in clouds] + [band.x for band in bands] + [line.x for line in lines]
-    heights = [cloud.y for cloud in clouds] + [line.y for line in lines]
-    heights += [side for band in bands for side in (band.low, band.high)]
-    frame = PlotArea(
-        x=build_axis(across, 0.02),
-        y=build_axis(heights, 0.04),
-        height=_CLOUD_HEIGHT + above,
-        top=14.0 + above,
-    )
-    body = draw_axes(frame, labels)
-    body += [_draw_band(frame, band) for band in bands]
-    body += [_draw_cloud(frame, cloud) for cloud in clouds]
-    for line in lines:
-        x, y = thin_curve(frame.place_x(line.x), frame.place_y(line.y))
-        body.append(f'<polyline class="line {line.style}" points="{format_points(x, y)}"/>')
-    if len(entries) > 1:
-        body += draw_legend([label for label, _ in entries], [style for _, style in entries])
-    return wrap_figure(title, description, frame.height, body)
-
-
-def _draw_band(frame: PlotArea, band: Band) -> str:
-    x = frame.place_x(band.x)
-    there, back = (
-        format_points(x, frame.place_y(band.high)),
-        format_points(x[::-1], frame.place_y(band.low)[::-1]),
-    )
-    return f'<polygon class="area" points="{there} {back}"/>'
-
-
-def _draw_cloud(frame: PlotArea, cloud: Cloud) -> str:
-    """Return all samples as one path of lines without length, which round caps make dots."""
-    places = zip(frame.place_x(cloud.x), frame.place_y(cloud.y), strict=True)
-    return f'<path class="line cloud" d="{"".join(f"M{x:.1f},{y:.1f}h0" for x, y in places)}"/>'
+    """Return a figure with axes and legend; `head` are its title and description."""
+    styles = {line.label: line.style for line in lines}
+    legend = draw_legend(list(styles), list(styles.values())) if len(styles) > 1 else []
+    return wrap_figure(*head, frame.height, [*draw_axes(frame, labels), *drawn, *legend])
 
 
 _HISTOGRAM_HEIGHT = 270.0
@@ -477,19 +418,17 @@ _LOGARITHMIC_RATIO = 8.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Interval:
-    """A value, or the median of several with their 90th percentile.
+    """A value.
 
     Args:
         label: of what.
-        middle: the value, or the median.
-        high: the 90th percentile, None for a single value.
+        middle: the value.
         text: the figures as they stand next to the mark.
         chosen: whether it is to stand out.
     """
 
     label: str
     middle: float
-    high: float | None = None
     text: str = ""
     chosen: bool = False
 
@@ -529,7 +468,7 @@ def build_histogram(
 
 
 def build_interval_figure(title: str, description: str, label: str, intervals: Sequence[Interval]) -> str:
-    """Return values in rows, a mark for each value or median and a line to its 90th percentile.
+    """Return values in rows, a mark for each.
 
     Marks, not bars, because the axis is logarithmic where the values differ by more than a factor.
 
@@ -539,9 +478,7 @@ def build_interval_figure(title: str, description: str, label: str, intervals: S
         label: of the horizontal axis, with its unit.
         intervals: at least one, from top to bottom.
     """
-    ends = np.array(
-        [value for entry in intervals for value in (entry.middle, entry.high) if value is not None]
-    )
+    ends = np.array([entry.middle for entry in intervals])
     logarithmic = bool(ends.min() > 0.0 and ends.max() / ends.min() > _LOGARITHMIC_RATIO)
     axis = build_axis([ends] if logarithmic else [np.append(ends, 0.0)], 0.04, logarithmic=logarithmic)
     left = 24.0 + 7.0 * max(len(entry.label) for entry in intervals)
@@ -568,18 +505,10 @@ def _widen(axis: Axis, share: float) -> Axis:
 def _draw_interval(frame: PlotArea, y: float, entry: Interval) -> list[str]:
     style = "chosen" if entry.chosen else "other"
     x = float(frame.place_x(entry.middle))
-    end = x
     place = f'x="{frame.left - 9:g}" y="{y + 4:.1f}" text-anchor="end"'
-    parts = [
+    return [
         f'<line class="grid" x1="{frame.left:g}" y1="{y:.1f}" x2="{frame.right:g}" y2="{y:.1f}"/>',
         f'<text class="{style}" {place}>{escape(entry.label)}</text>',
+        f'<circle class="mark {style}" cx="{x:.1f}" cy="{y:.1f}" r="5.5"/>',
+        f'<text class="{style}" x="{x + 12:.1f}" y="{y + 4:.1f}">{escape(entry.text)}</text>',
     ]
-    if entry.high is not None:
-        end = float(frame.place_x(entry.high))
-        path = f"M{x:.1f},{y:.1f}H{end:.1f}M{end:.1f},{y - 6:.1f}V{y + 6:.1f}"
-        parts.append(f'<path class="whisker {style}" d="{path}"/>')
-    parts.append(f'<circle class="mark {style}" cx="{x:.1f}" cy="{y:.1f}" r="5.5"/>')
-    parts.append(
-        f'<text class="{style}" x="{max(x, end) + 12:.1f}" y="{y + 4:.1f}">{escape(entry.text)}</text>'
-    )
-    return parts

@@ -18,18 +18,16 @@ from symid.identification.elastic import (
     ElasticEstimate,
     build_rigid_estimate,
     build_rigid_variant,
-    check_elastic_model,
     check_settings,
     cut_logs,
     evaluate_elastic,
     get_asked_cutoff,
     prepare_aligned,
 )
-from symid.identification.estimators import Estimate, Validation
+from symid.identification.estimators import Estimate, Validation, check_model
 from symid.identification.friction import FrictionIdentification
 from symid.identification.rigid import (
     Diagnosis,
-    check_rigid_model,
     get_fit_overlap,
     get_usable_window,
     restore_robot,
@@ -37,19 +35,21 @@ from symid.identification.rigid import (
 )
 from symid.logs import Recording, check_recording, read_recordings
 from symid.report.blocks import Drawing
-from symid.report.elastic_page import ElasticExtras, build_spring_section, write_elastic_report
+from symid.report.elastic_page import build_elastic_page, draw_branches
 from symid.report.figures import Interval, build_interval_figure
-from symid.report.friction_page import build_friction_figure, judge_friction, write_friction_report
-from symid.report.identification_page import write_identification_report
-from symid.report.pages import describe_origin, format_digits
-from symid.report.verdict import FitVerdict, judge_elastic, judge_identification
+from symid.report.friction_page import build_friction_figure, build_friction_page
+from symid.report.identification_page import build_identification_page
+from symid.report.pages import describe_origin, format_digits, write_page
+from symid.report.verdict import FitVerdict, judge_elastic, judge_friction, judge_identification
 from symid.robot import Robot
+
+AnyEstimate = Estimate | ElasticEstimate | FrictionIdentification
 
 _MOST_PARAMETERS = 12
 """Parameters in the figure of the least certain ones."""
 
 
-def judge_fit(estimate: Estimate | ElasticEstimate | FrictionIdentification) -> FitVerdict:
+def judge_fit(estimate: AnyEstimate) -> FitVerdict:
     """Return what a fit is worth, judged by its own logs alone."""
     match estimate:
         case Estimate():
@@ -60,14 +60,17 @@ def judge_fit(estimate: Estimate | ElasticEstimate | FrictionIdentification) -> 
             return judge_friction(estimate)
 
 
-def draw_fit(estimate: Estimate | ElasticEstimate | FrictionIdentification) -> tuple[Drawing, ...]:
+def draw_fit(estimate: AnyEstimate) -> tuple[Drawing, ...]:
     """Return the least certain parameters; of elastic joints the springs, of friction its curves."""
     match estimate:
         case Estimate():
             return _draw_deviations(estimate)
         case ElasticEstimate():
-            springs = (build_spring_section(entry) for entry in estimate.springs if entry.told)
-            return tuple(Drawing(entry.branches, f"{entry.joint}: torque over torsion") for entry in springs)
+            return tuple(
+                Drawing(draw_branches(entry), f"{entry.joint}: torque over torsion")
+                for entry in estimate.springs
+                if entry.told
+            )
         case FrictionIdentification():
             return tuple(
                 Drawing(build_friction_figure(entry), f"{entry.joint}: {entry.estimate.law}")
@@ -94,44 +97,13 @@ def _draw_deviations(estimate: Estimate) -> tuple[Drawing, ...]:
     return (Drawing(figure, title),)
 
 
-KnownRobot = tuple[Robot, TaskContext]
-"""A robot as read, and what long work with it needs."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PageRequest:
-    """What a page is made of besides the estimate.
-
-    Args:
-        logs: held out, files or what was read from them.
-        pairs: settings of the call, keys and values.
-        diagnose: whether the logs of the fit are read again.
-        file: of the estimate, for messages.
-    """
-
-    logs: tuple[Path | Recording, ...] = ()
-    pairs: tuple[tuple[str, str], ...] = ()
-    diagnose: bool = False
-    file: str = ""
-
-    def __post_init__(self) -> None:
-        """Refuse settings that no log would be read with.
-
-        Raises:
-            UsageError: there are settings and no logs.
-        """
-        if self.pairs and not self.logs:
-            text = "settings are for the logs of a validation, and there is none; give one, or leave them out"
-            raise UsageError(Notice(code="usage.no-validation", text=text))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Page:
+class WrittenPage:
     """A page that was written.
 
     Args:
         file: where; robot: its name.
-        sources: the logs tried; processing: how each was processed, where that was settled.
+        sources: the logs tried; processing: how each was processed, where that was settled; lines: in words.
         diagnosis: what the logs of the fit tell, None where not asked for.
         notices: what a reader should know.
     """
@@ -145,66 +117,94 @@ class Page:
     notices: tuple[Notice, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _LoadedLogs:
-    """A library and recordings, with what a page says of them."""
+def write_fit_page(
+    path: Path,
+    estimate: AnyEstimate,
+    known: tuple[Robot, TaskContext] | None = None,
+    *,
+    logs: Sequence[Path | Recording] = (),
+    pairs: tuple[tuple[str, str], ...] = (),
+    diagnose: bool = False,
+    file: str = "",
+) -> WrittenPage:
+    """Write the page of a fit of any kind.
 
-    library: Library
-    recordings: tuple[Recording, ...]
-    notices: tuple[Notice, ...]
-    origin: tuple[str, ...]
+    Args:
+        path: to write to.
+        estimate: that was found.
+        known: the robot as read, and what long work with it needs; None without logs and diagnosis.
+        logs: held out, files or what was read from them.
+        pairs: settings of the call, keys and values.
+        diagnose: whether the logs of the fit are read again.
+        file: of the estimate, for messages.
+
+    Raises:
+        UsageError: there are settings and no logs, or the kind of fit has no such logs, setting or diagnosis.
+        EstimateError: the estimate is of another model.
+        LogError: a log does not fit the robot.
+        OutputError: the page cannot be written.
+    """
+    if pairs and not logs:
+        text = "settings are for the logs of a validation, and there is none; give one, or leave them out"
+        raise UsageError(Notice(code="usage.no-validation", text=text))
+    if isinstance(estimate, Estimate):
+        return _write_rigid_page(path, estimate, known, logs, pairs, diagnose=diagnose, file=file)
+    if diagnose:
+        text = "--diagnose needs an estimate of base parameters; leave it out"
+        raise UsageError(Notice(code="usage.no-diagnosis", text=text, file=file))
+    if isinstance(estimate, ElasticEstimate):
+        return _write_elastic_page(path, estimate, known, logs, pairs, file=file)
+    if logs:
+        text = (
+            "--validation cannot be used with friction: what tests a law is held back when it is chosen "
+            "(`symid identify --rows friction --model auto`); leave it out"
+        )
+        raise UsageError(Notice(code="usage.friction-validation", text=text))
+    return WrittenPage(file=write_page(path, build_friction_page(estimate)), robot=estimate.robot)
 
 
-def _load_logs(robot: Robot, logs: Sequence[Path | Recording], workshop: TaskContext) -> _LoadedLogs:
+def _load_logs(
+    robot: Robot, logs: Sequence[Path | Recording], workshop: TaskContext
+) -> tuple[Library, tuple[Recording, ...], tuple[Notice, ...], tuple[str, ...]]:
+    """Return a library and recordings, what a reader should know of both, and where a page comes from."""
     recordings = read_recordings(logs, robot)
     library = workshop.prepare(robot)
     notices = (*robot.notices, *library.notices)
     for recording in recordings:
         notices += (*recording.notices, *check_recording(recording, robot))
-    return _LoadedLogs(
-        library=library,
-        recordings=recordings,
-        notices=notices,
-        origin=describe_origin(robot, library, recordings),
-    )
+    return library, recordings, notices, describe_origin(robot, library, recordings)
 
 
-def write_rigid_page(
-    path: Path, estimate: Estimate, request: PageRequest, known: KnownRobot | None = None
-) -> Page:
-    """Write the page of an estimate of base parameters.
-
-    Args:
-        path: to write to.
-        estimate: of base parameters.
-        request: logs and settings.
-        known: the robot; None where neither logs nor a diagnosis ask for it.
-
-    Raises:
-        EstimateError: the estimate is of another model.
-        LogError: a log does not fit the robot.
-        OutputError: the page cannot be written.
-    """
+def _write_rigid_page(
+    path: Path,
+    estimate: Estimate,
+    known: tuple[Robot, TaskContext] | None,
+    logs: Sequence[Path | Recording],
+    pairs: tuple[tuple[str, str], ...],
+    *,
+    diagnose: bool,
+    file: str,
+) -> WrittenPage:
     validations: tuple[Validation, ...] = ()
     diagnosis: Diagnosis | None = None
-    scene: _LoadedLogs | None = None
-    if known is not None and (request.logs or request.diagnose):
+    notices: tuple[Notice, ...] = ()
+    origin: tuple[str, ...] = ()
+    if known is not None and (logs or diagnose):
         robot, workshop = known
-        described = restore_robot(robot, estimate, request.pairs)
+        described = restore_robot(robot, estimate, pairs)
         # What was identified as rigid is tried as rigid, whatever the robot file says of its joints.
         rigid = build_rigid_variant(described)
         tried = build_rigid_estimate(estimate, described)
-        scene = _load_logs(rigid, request.logs, workshop)
-        check_rigid_model(tried, scene.library.card, request.file)
-        validations = _validate(tried, scene.library, scene.recordings, rigid, workshop)
-        if request.diagnose:
+        library, recordings, notices, origin = _load_logs(rigid, logs, workshop)
+        check_model(tried, library.card, file)
+        validations = tuple(_validate(tried, library, entry, rigid, workshop) for entry in recordings)
+        if diagnose:
             diagnosis = diagnose_fit(robot, estimate, workshop)
-    notices = (*(scene.notices if scene else ()), *(diagnosis.notices if diagnosis else ()))
-    origin = scene.origin if scene else ()
-    written = write_identification_report(path, estimate, validations, notices, origin, diagnosis=diagnosis)
+            notices += diagnosis.notices
+    page = build_identification_page(estimate, validations, notices, origin, diagnosis=diagnosis)
     settled = [(entry.source, entry.processing) for entry in validations if entry.processing is not None]
-    return Page(
-        file=written,
+    return WrittenPage(
+        file=write_page(path, page),
         robot=estimate.robot,
         sources=tuple(entry.source for entry in validations),
         processing=tuple({**asdict(entry.processing), "origin": dict(entry.origin)} for _, entry in settled),
@@ -215,95 +215,48 @@ def write_rigid_page(
 
 
 def _validate(
-    estimate: Estimate,
-    library: Library,
-    recordings: Sequence[Recording],
-    robot: Robot,
-    workshop: TaskContext,
-) -> tuple[Validation, ...]:
-    """Return what the estimate explains of each log, in the rows of the fit: like residuals compare."""
-    found = []
-    for recording in recordings:
-        workshop.progress(f"validating on {recording.source}")
-        window, notices = get_usable_window(estimate.settings, recording)
-        tried = validate_estimate(
-            estimate,
-            library,
-            recording,
-            robot.processing,
-            rows=estimate.rows,
-            window=window,
-            overlap=get_fit_overlap(estimate.settings),
-        )
-        found.append(replace(tried, notices=(*notices, *tried.notices)))
-    return tuple(found)
-
-
-def write_elastic_page(
-    path: Path, estimate: ElasticEstimate, request: PageRequest, known: KnownRobot | None = None
-) -> Page:
-    """Write the page of an estimate of elastic joints.
-
-    Args:
-        path: to write to.
-        estimate: of dynamics and springs.
-        request: logs and settings.
-        known: the robot; None where no logs ask for it.
-
-    Raises:
-        UsageError: a setting has no meaning for elastic joints, or a diagnosis is asked for.
-        EstimateError: the estimate is of another model.
-        LogError: a log lacks an encoder, or does not fit the robot.
-        OutputError: the page cannot be written.
-    """
-    _refuse_diagnosis(request)
-    check_settings(request.pairs, "elastic")
-    extras = ElasticExtras()
-    if request.logs and known is not None:
-        robot, workshop = known
-        described = restore_robot(robot, estimate, request.pairs)
-        scene = _load_logs(described, request.logs, workshop)
-        check_elastic_model(estimate, scene.library.card, request.file)
-        count = f"{len(scene.recordings)} log{'s'[: len(scene.recordings) > 1]}"
-        workshop.progress(f"trying the model on {count}")
-        kept = cut_logs(scene.recordings, described.processing)
-        moved, _, told = prepare_aligned(scene.library, kept)
-        told += tuple(notice for entry in kept for notice in entry.notices if notice.code == "log.cut")
-        cutoff = get_asked_cutoff(described, request.pairs)
-        trials = tuple(evaluate_elastic(estimate, scene.library, entry, cutoff=cutoff) for entry in moved)
-        extras = ElasticExtras(trials=trials, notices=(*scene.notices, *told), origin=scene.origin)
-    written = write_elastic_report(path, estimate, extras)
-    return Page(
-        file=written,
-        robot=estimate.robot,
-        sources=tuple(entry.source for entry in extras.trials),
-        notices=extras.notices,
+    estimate: Estimate, library: Library, recording: Recording, robot: Robot, workshop: TaskContext
+) -> Validation:
+    """Return what the estimate explains of a log, in the rows of the fit: like residuals compare."""
+    workshop.progress(f"validating on {recording.source}")
+    window, notices = get_usable_window(estimate.settings, recording)
+    tried = validate_estimate(
+        estimate,
+        library,
+        recording,
+        robot.processing,
+        rows=estimate.rows,
+        window=window,
+        overlap=get_fit_overlap(estimate.settings),
     )
+    return replace(tried, notices=(*notices, *tried.notices))
 
 
-def write_friction_page(path: Path, found: FrictionIdentification, request: PageRequest) -> Page:
-    """Write the page of friction laws, which were tried on torques held back when they were chosen.
-
-    Args:
-        path: to write to.
-        found: laws and parameters.
-        request: without logs.
-
-    Raises:
-        UsageError: logs or a diagnosis are asked for.
-        OutputError: the page cannot be written.
-    """
-    _refuse_diagnosis(request)
-    if request.logs:
-        text = (
-            "--validation cannot be used with friction: what tests a law is held back when it is chosen "
-            "(`symid identify --rows friction --model auto`); leave it out"
-        )
-        raise UsageError(Notice(code="usage.friction-validation", text=text))
-    return Page(file=write_friction_report(path, found), robot=found.robot)
-
-
-def _refuse_diagnosis(request: PageRequest) -> None:
-    if request.diagnose:
-        text = "--diagnose needs an estimate of base parameters; leave it out"
-        raise UsageError(Notice(code="usage.no-diagnosis", text=text, file=request.file))
+def _write_elastic_page(
+    path: Path,
+    estimate: ElasticEstimate,
+    known: tuple[Robot, TaskContext] | None,
+    logs: Sequence[Path | Recording],
+    pairs: tuple[tuple[str, str], ...],
+    *,
+    file: str,
+) -> WrittenPage:
+    check_settings(pairs, "elastic")
+    if known is None or not logs:
+        return WrittenPage(file=write_page(path, build_elastic_page(estimate)), robot=estimate.robot)
+    robot, workshop = known
+    described = restore_robot(robot, estimate, pairs)
+    library, recordings, notices, origin = _load_logs(described, logs, workshop)
+    check_model(estimate, library.card, file)
+    workshop.progress(f"trying the model on {len(recordings)} log{'s'[: len(recordings) > 1]}")
+    kept = cut_logs(recordings, described.processing)
+    moved, _, told = prepare_aligned(library, kept)
+    notices += (*told, *(notice for entry in kept for notice in entry.notices if notice.code == "log.cut"))
+    cutoff = get_asked_cutoff(described, pairs)
+    trials = tuple(evaluate_elastic(estimate, library, entry, cutoff=cutoff) for entry in moved)
+    return WrittenPage(
+        file=write_page(path, build_elastic_page(estimate, trials, notices, origin)),
+        robot=estimate.robot,
+        sources=tuple(entry.source for entry in trials),
+        notices=notices,
+    )

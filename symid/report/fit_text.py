@@ -10,72 +10,49 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from symid.report.blocks import Block, Table, format_table
+from symid.report.blocks import Block, Table, describe_outcome, select_fields
 
 if TYPE_CHECKING:
     from symid.identification.diagnostics import BandResidual
     from symid.identification.elastic import ElasticEstimate, StiffnessEstimate
-    from symid.identification.estimators import Estimate, ParameterEstimate, Residual, Validation
+    from symid.identification.estimators import Estimate, Residual, Validation
     from symid.identification.friction import FrictionIdentification, JointFriction, LawSelection, PoseTest
     from symid.logs import Alignment
+
+
+_PARAMETER = "name value std relative_std_percent unit"
 
 
 def describe_estimate(estimate: "Estimate") -> dict[str, object]:
     """Return the estimate as `symid identify --json` gives it."""
     return {
-        "robot": estimate.robot,
-        "rows": estimate.rows,
-        "estimator": estimate.estimator,
-        "friction": estimate.friction,
+        **select_fields(estimate, "robot rows estimator friction"),
         "parameters": [
-            {
-                "name": entry.name,
-                "value": entry.value,
-                "std": entry.std,
-                "relative_std_percent": entry.relative_std_percent,
-                "unit": entry.unit,
-                "expression": entry.expression,
-                "truth": entry.truth,
-            }
-            for entry in estimate.parameters
+            select_fields(entry, f"{_PARAMETER} expression truth") for entry in estimate.parameters
         ],
         "residual": describe_residual(estimate.residual),
-        "mean_relative_percent": estimate.mean_relative_percent,
-        "condition": estimate.condition,
-        "outcome": {"name": estimate.outcome.name.lower(), "text": estimate.outcome.value},
-        "refused": [{"name": name, "reason": reason} for name, reason in estimate.refused],
-        "samples": estimate.samples,
-        "sources": estimate.sources,
-        "settings": estimate.settings,
-        "signature": estimate.signature,
+        **select_fields(estimate, "mean_relative_percent condition"),
+        "outcome": describe_outcome(estimate.outcome),
+        "refused": _describe_refused(estimate.refused),
+        **select_fields(estimate, "samples sources settings signature"),
     }
+
+
+def _describe_refused(refused: "Sequence[tuple[str, str]]", key: str = "name") -> list[dict[str, str]]:
+    return [{key: name, "reason": reason} for name, reason in refused]
 
 
 def describe_validation(validation: "Validation") -> dict[str, object]:
     """Return the validation as `symid validate --json` gives it."""
     return {
-        "robot": validation.robot,
-        "log": validation.source,
-        "rows": validation.rows,
-        "samples": validation.samples,
+        **select_fields(validation, "robot log=source rows samples mean_relative_percent"),
         "residual": describe_residual(validation.residual),
-        "mean_relative_percent": validation.mean_relative_percent,
     }
 
 
 def describe_residual(residual: Sequence["Residual"]) -> list[dict[str, object]]:
     """Return one object a joint."""
-    return [
-        {
-            "joint": entry.joint,
-            "norm": entry.norm,
-            "relative_percent": entry.relative_percent,
-            "std": entry.std,
-            "samples": entry.samples,
-            "unit": entry.unit,
-        }
-        for entry in residual
-    ]
+    return [select_fields(entry, "joint norm relative_percent std samples unit") for entry in residual]
 
 
 def show_estimate(estimate: "Estimate") -> tuple[Block, ...]:
@@ -117,18 +94,17 @@ def show_parameters(estimate: "Estimate") -> Table:
     if known:
         header += ["robot file", "within 3 std"]
         for row, entry in zip(rows, estimate.parameters, strict=True):
-            near = None if entry.truth is None else abs(entry.value - entry.truth) <= 3.0 * entry.std
-            row += [entry.truth, near]
-    return format_table(header, rows, left=(0, 4))
+            row += [entry.truth, entry.near_truth]
+    return Table(header, rows, left=(0, 4))
 
 
-def show_residual(residual: Sequence["Residual"]) -> Table:
+def show_residual(residual: Sequence["Residual"], title: str = "") -> Table:
     """Return the table of residuals."""
     rows = [
         [entry.joint, entry.norm, f"{entry.relative_percent:.4f}", entry.std, entry.unit, entry.samples]
         for entry in residual
     ]
-    return format_table(("joint", "norm", "relative/%", "std", "unit", "samples"), rows, left=(0, 4))
+    return Table(("joint", "norm", "relative/%", "std", "unit", "samples"), rows, (0, 4), title)
 
 
 def describe_band(residual: "BandResidual") -> dict[str, object]:
@@ -151,7 +127,7 @@ def show_band(residual: "BandResidual") -> Table:
         for entry, share in zip(residual.joints, residual.range_percent, strict=True)
     ]
     header = ("joint", "rms", "relative/%", "of range/%", "unit", "samples")
-    return format_table(header, rows, left=(0, 4))
+    return Table(header, rows, left=(0, 4))
 
 
 def describe_alignment(alignment: "Alignment", joints: Sequence[str]) -> dict[str, object]:
@@ -191,7 +167,7 @@ def show_alignment(alignment: "Alignment", joints: Sequence[str]) -> tuple[Block
         if alignment.present[index]
     ]
     header = ("joint", "log", "zero offset", "std", "explained by delay/%")
-    return (_describe_delay(alignment), format_table(header, rows, left=(0, 1)))
+    return (_describe_delay(alignment), Table(header, rows, left=(0, 1)))
 
 
 def _describe_delay(alignment: "Alignment") -> str:
@@ -217,19 +193,11 @@ def describe_stiffness(found: "StiffnessEstimate") -> dict[str, object]:
         **describe_alignment(found.alignment, [entry.joint for entry in found.joints]),
         "joints": [
             {
-                "name": entry.joint,
                 "verdict": entry.verdict.name.lower(),
                 "identified": entry.stiffness is not None,
-                "stiffness": entry.stiffness,
-                "interval": entry.interval,
-                "unit": entry.unit,
-                "compliance": entry.compliance,
-                "compliance_std": entry.std,
-                "run_compliances": entry.runs.tolist(),
-                "run_compliance_stds": entry.run_stds.tolist(),
-                "torsion_explained": entry.explained,
-                "torsion_left": entry.left,
-                "reason": entry.reason,
+                **select_fields(entry, "name=joint stiffness interval unit compliance compliance_std=std"),
+                **select_fields(entry, "run_compliances=runs run_compliance_stds=run_stds"),
+                **select_fields(entry, "torsion_explained=explained torsion_left=left reason"),
             }
             for entry in found.joints
         ],
@@ -265,15 +233,13 @@ def _tabulate_stiffness(found: "StiffnessEstimate") -> Table:
         for entry in found.joints
     ]
     header = ("joint", "stiffness", "from", "to (95 %)", "unit", "explained/1e-6", "left/1e-6", "verdict")
-    return format_table(header, rows, left=(0, 4, 7))
+    return Table(header, rows, left=(0, 4, 7))
 
 
 def describe_elastic(estimate: "ElasticEstimate") -> dict[str, object]:
     """Return the estimate of elastic joints as `symid identify --json` gives it."""
     return {
-        "robot": estimate.robot,
-        "method": estimate.method,
-        "reason": estimate.reason,
+        **select_fields(estimate, "robot method reason"),
         "parameters": [
             {**asdict(entry), "relative_std_percent": entry.relative_std_percent}
             for entry in estimate.parameters
@@ -282,13 +248,11 @@ def describe_elastic(estimate: "ElasticEstimate") -> dict[str, object]:
         "residual": describe_residual(estimate.residual),
         "energy": describe_residual((estimate.energy,))[0],
         "condition": estimate.condition,
-        "outcome": {"name": estimate.outcome.name.lower(), "text": estimate.outcome.value},
+        "outcome": describe_outcome(estimate.outcome),
         "history": [asdict(entry) for entry in estimate.history],
         "trials": [{**asdict(trial), "outcome": trial.outcome.name.lower()} for trial in estimate.trials],
-        "refused": [{"name": name, "reason": reason} for name, reason in estimate.refused],
-        "sources": estimate.sources,
-        "settings": estimate.settings,
-        "signature": estimate.signature,
+        "refused": _describe_refused(estimate.refused),
+        **select_fields(estimate, "sources settings signature"),
     }
 
 
@@ -313,10 +277,9 @@ def show_elastic_parameters(estimate: "ElasticEstimate") -> Table:
     for entry in estimate.parameters:
         row: list[object] = [entry.name, entry.value, entry.std, entry.relative_std_percent, entry.unit]
         if known:
-            error = 100.0 * (entry.value - entry.truth) / abs(entry.truth) if entry.truth else None
-            row += [entry.truth, error]
+            row += [entry.truth, entry.error_percent]
         rows.append(row)
-    return format_table(header, rows, left=(0, 4))
+    return Table(header, rows, left=(0, 4))
 
 
 def show_springs(estimate: "ElasticEstimate") -> Table:
@@ -337,7 +300,7 @@ def show_springs(estimate: "ElasticEstimate") -> Table:
         for entry in estimate.springs
         if entry.told
     ]
-    return format_table(header, rows, left=(0, 3))
+    return Table(header, rows, left=(0, 3))
 
 
 def _add_stops(stiffness: float | None, stops: Sequence[float | None]) -> float | None:
@@ -350,7 +313,7 @@ def show_trials(estimate: "ElasticEstimate") -> Table:
         (trial.method, trial.error, "chosen" if trial.method == estimate.method else "", trial.outcome.value)
         for trial in estimate.trials
     ]
-    return format_table(("method", "error of prediction", "", "outcome"), rows, left=(0, 2, 3))
+    return Table(("method", "error of prediction", "", "outcome"), rows, left=(0, 2, 3))
 
 
 _WIDTH = 100
@@ -360,106 +323,49 @@ _SHOWN = 3
 def describe_friction(found: "FrictionIdentification") -> dict[str, object]:
     """Return the result as `symid identify --rows friction --json` gives it."""
     return {
-        "robot": found.robot,
+        **select_fields(found, "robot model estimator sources settings signature"),
         "rows": "friction",
-        "model": found.model,
-        "estimator": found.estimator,
         "joints": [_describe_joint_friction(entry) for entry in found.joints],
-        "refused": [{"joint": name, "reason": reason} for name, reason in found.refused],
-        "sources": found.sources,
-        "settings": found.settings,
-        "signature": found.signature,
+        "refused": _describe_refused(found.refused, "joint"),
     }
 
 
 def _describe_joint_friction(entry: "JointFriction") -> dict[str, object]:
     estimate = entry.estimate
+    parameter = f"{_PARAMETER} meaning=expression remark=reason"
+    figures = "objective sigma aicc bic condition evaluations solves iterations ended"
     return {
-        "joint": entry.joint,
-        "law": estimate.law,
-        "formula": entry.formula,
-        "smoothing": entry.smoothing,
-        "estimator": estimate.estimator,
-        "parameters": [_describe_parameter(parameter) for parameter in estimate.parameters],
-        "rigid": {"text": entry.rigid, "parameters": list(map(_describe_parameter, estimate.extra))},
-        "refused": [{"name": name, "reason": reason} for name, reason in estimate.refused],
+        **select_fields(entry, "joint formula smoothing sources"),
+        **select_fields(estimate, f"law estimator {figures}"),
+        "parameters": [select_fields(value, parameter) for value in estimate.parameters],
+        "rigid": {
+            "text": entry.rigid,
+            "parameters": [select_fields(value, parameter) for value in estimate.extra],
+        },
+        "refused": _describe_refused(estimate.refused),
         "residual": describe_residual((entry.residual,))[0],
-        "objective": estimate.objective,
-        "sigma": estimate.sigma,
-        "aicc": estimate.aicc,
-        "bic": estimate.bic,
-        "condition": estimate.condition,
-        "evaluations": estimate.evaluations,
-        "solves": estimate.solves,
-        "iterations": estimate.iterations,
-        "outcome": {"name": estimate.outcome.name.lower(), "text": estimate.outcome.value},
-        "ended": estimate.ended,
+        "outcome": describe_outcome(estimate.outcome),
         "selection": None if entry.selection is None else _describe_selection(entry.selection),
         "poses": None if entry.poses is None else _describe_poses(entry.poses),
-        "map": {
-            "velocity": entry.velocity_map.velocity.tolist(),
-            "torque": entry.velocity_map.torque.tolist(),
-            "spread": entry.velocity_map.spread.tolist(),
-            "rows": entry.velocity_map.count.tolist(),
-        },
-        "sources": entry.sources,
-    }
-
-
-def _describe_parameter(entry: "ParameterEstimate") -> dict[str, object]:
-    return {
-        "name": entry.name,
-        "value": entry.value,
-        "std": entry.std,
-        "relative_std_percent": entry.relative_std_percent,
-        "unit": entry.unit,
-        "meaning": entry.expression,
-        "remark": entry.reason,
+        "map": select_fields(entry.velocity_map, "velocity torque spread rows=count"),
     }
 
 
 def _describe_selection(selection: "LawSelection") -> dict[str, object]:
+    errors = "fitted_percent held_percent held_rms squared_error_ratio=ratio standard_errors_behind=behind"
     return {
-        "chosen": selection.chosen,
-        "verdict": selection.verdict,
-        "blocks": selection.blocks,
-        "trials": [
-            {
-                "law": trial.law,
-                "unknowns": trial.unknowns,
-                "fitted_percent": trial.fitted_percent,
-                "held_percent": trial.held_percent,
-                "held_rms": trial.held_rms,
-                "squared_error_ratio": trial.ratio,
-                "standard_errors_behind": trial.behind,
-                "aicc": trial.aicc,
-                "reason": trial.reason,
-            }
-            for trial in selection.trials
-        ],
+        **select_fields(selection, "chosen verdict blocks"),
+        "trials": [select_fields(trial, f"law unknowns {errors} aicc reason") for trial in selection.trials],
     }
 
 
 def _describe_poses(poses: "PoseTest") -> dict[str, object]:
+    parameter = "name unit values std=stds interval_95=intervals chance degrees_of_freedom=freedom"
     return {
-        "law": poses.law,
-        "verdict": poses.verdict,
-        "differs": poses.differs,
-        "change": poses.change,
+        **select_fields(poses, "law verdict differs change"),
         "poses": [{"others": dict(pose.others), "sources": pose.sources} for pose in poses.poses],
-        "skipped": [{"sources": sources, "reason": reason} for sources, reason in poses.skipped],
-        "parameters": [
-            {
-                "name": entry.name,
-                "unit": entry.unit,
-                "values": entry.values,
-                "std": entry.stds,
-                "interval_95": [list(interval) for interval in entry.intervals],
-                "chance": entry.chance,
-                "degrees_of_freedom": entry.freedom,
-            }
-            for entry in poses.parameters
-        ],
+        "skipped": _describe_refused(poses.skipped, "sources"),
+        "parameters": [select_fields(entry, parameter) for entry in poses.parameters],
     }
 
 
@@ -478,7 +384,7 @@ def _show_joint_friction(entry: "JointFriction") -> tuple[Block, ...]:
     head = f"== {entry.joint}: {estimate.law}, {estimate.estimator} =="
     parts: list[Block] = [head]
     if entry.selection is not None:
-        parts += [_show_trials(entry.selection), _wrap(entry.selection.verdict)]
+        parts += [show_law_trials(entry.selection), _wrap(entry.selection.verdict)]
     parts.append(f"{_wrap(entry.formula)}\n{_wrap(f'{estimate.outcome.value}; {estimate.ended}')}")
     parts.append(_show_law_parameters(entry))
     residual = entry.residual
@@ -489,13 +395,14 @@ def _show_joint_friction(entry: "JointFriction") -> tuple[Block, ...]:
         )
     )
     if entry.poses is not None:
-        parts += [*_show_poses(entry.poses), _wrap(f"{entry.poses.verdict}.")]
+        parts += [*show_poses(entry.poses), _wrap(f"{entry.poses.verdict}.")]
     if estimate.refused:
         parts.append("\n".join(_wrap(f"refused: {name}: {reason}") for name, reason in estimate.refused))
     return tuple(parts)
 
 
-def _show_trials(selection: "LawSelection") -> Table:
+def show_law_trials(selection: "LawSelection", title: str = "") -> Table:
+    """Return the table of the laws that were compared, by torques held back."""
     header = ("law", "unknowns", "fitted/%", "held back/%", "RMS", "squares", "behind/se", "")
     rows = [
         [
@@ -510,7 +417,7 @@ def _show_trials(selection: "LawSelection") -> Table:
         ]
         for trial in selection.trials
     ]
-    return format_table(header, rows, left=(0, 7))
+    return Table(header, rows, (0, 7), title)
 
 
 def _format_number(value: float | None, form: str) -> str:
@@ -535,10 +442,11 @@ def _show_law_parameters(entry: "JointFriction") -> Block:
             ]
             for parameter in parameters
         ]
-    return format_table(header, rows, left=(0, 4, 5)) if rows else "no parameter can be told"
+    return Table(header, rows, left=(0, 4, 5)) if rows else "no parameter can be told"
 
 
-def _show_poses(poses: "PoseTest") -> tuple[Block, ...]:
+def show_poses(poses: "PoseTest") -> tuple[Block, ...]:
+    """Return the intervals of every parameter pose by pose, and where the poses are."""
     header = ("parameter", *(f"pose {k}, 95 %" for k in range(1, len(poses.poses) + 1)), "unit", "chance")
     rows = [
         [
@@ -559,7 +467,7 @@ def _show_poses(poses: "PoseTest") -> tuple[Block, ...]:
     text = "\n".join(places)
     if not rows:
         return (text,)
-    return (format_table(header, rows, left=(0, len(poses.poses) + 1), title=text),)
+    return (Table(header, rows, left=(0, len(poses.poses) + 1), title=text),)
 
 
 def _wrap(text: str) -> str:

@@ -1,22 +1,19 @@
-"""The report of the friction study: one HTML file that needs nothing else.
+"""The page of the friction study.
 
-`FrictionStudy` -> a page with the tables of Zhang, Hu and Zou (2021), theirs and ours side by side, all
+`FrictionStudy` -> `Page` with the tables of Zhang, Hu and Zou (2021), theirs and ours side by side, all
 estimators on one data set, and counterparts of their figures 1, 2 and 6 to 11, for the first seed's draw.
 
     band = +-2 sqrt(sigma^2 + f' C f)        f: the torque's derivatives by the parameters, C their covariance
 
-Supported: printing, light and dark screens, screen readers; no scripts, no network.
 Not supported: figures 3 (a flow chart), 4 (a photograph) and 5, the test of poses, which is part of
 `symid identify --rows friction` and needs recordings.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 
-from symid import __version__
 from symid.arrays import FloatArray
 from symid.identification.friction import (
     FrictionEstimate,
@@ -24,11 +21,11 @@ from symid.identification.friction import (
     compute_sensitivities,
     fit_friction,
 )
-from symid.identification.rigid import write_file
 from symid.joint_models import FrictionLaw, compute_friction_torque, get_law
-from symid.report.figures import Band, Cloud, Line, build_cloud_figure, build_line_figure
-from symid.report.pages import render_page
-from symid.report.study_text import StudyTable, list_tables, write_check_outcome
+from symid.report.blocks import Block, Drawing, Table
+from symid.report.figures import Line, build_curve_figure, build_line_figure
+from symid.report.pages import Page, list_origin
+from symid.report.study_text import list_tables, write_check_outcome
 from symid.report.verdict import FitVerdict
 from symid.study import (
     LAWS,
@@ -47,33 +44,32 @@ from symid.study import (
 _VELOCITY = "velocity (rad/s)"
 _TORQUE = "friction torque (N m)"
 _POINTS = 1201
+_HEIGHT = 330.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StudyFigure:
-    """A figure as SVG: `counterpart` of which figure of the paper."""
-
-    counterpart: str
-    drawing: str
-    caption: str
-
-
-def draw_study(study: FrictionStudy) -> tuple[StudyFigure, ...]:
-    """Return all figures, in the order of their counterparts."""
+def draw_study(study: FrictionStudy) -> tuple[Block, ...]:
+    """Return all figures below the names of their counterparts, in the order of the paper."""
     seed = study.seeds[0]
     one = draw_samples(build_sweep_scene(SWEEPS[0]), np.random.default_rng(seed))
     two = draw_samples(build_recovery_scene(0), np.random.default_rng(seed))
-    return (
-        _draw_improved(),
-        _draw_stribeck(),
-        _draw_scatter("Figure 6", one, "one trajectory, one direction"),
-        _draw_one_fit(one, study),
-        _draw_course(study.contests[0]),
-        _draw_scatter("Figure 9", two, "two trajectories"),
-        _draw_two_fit(two, near=False),
-        _draw_two_fit(two, near=True),
-        *(_draw_torque(index, seed) for index in range(len(TABLE_3))),
+    figures = (
+        ("1", _draw_improved()),
+        ("2", _draw_stribeck()),
+        ("6", _draw_scatter(one, "one trajectory, one direction")),
+        ("7", _draw_one_fit(one, study)),
+        ("8", _draw_course(study.contests[0])),
+        ("9", _draw_scatter(two, "two trajectories")),
+        ("10", _draw_two_fit(two, near=False)),
+        ("10, near standstill", _draw_two_fit(two, near=True)),
+        *((f"11, joint {build_gain_scene(k).joint}", _draw_torque(k, seed)) for k in range(len(TABLE_3))),
     )
+    return tuple(
+        block for name, figure in figures for block in (f"=== Counterpart of Figure {name} ===", figure)
+    )
+
+
+def _list_samples(x: FloatArray, y: FloatArray) -> Line:
+    return Line(label="samples", style="cloud", x=x, y=y, joined=False)
 
 
 def _compute_curve(law: FrictionLaw, values: Sequence[float], velocity: FloatArray) -> FloatArray:
@@ -81,7 +77,7 @@ def _compute_curve(law: FrictionLaw, values: Sequence[float], velocity: FloatArr
     return compute_friction_torque(law, {"velocity": velocity}, linear, shape)
 
 
-def _draw_improved() -> StudyFigure:
+def _draw_improved() -> Drawing:
     values = TABLE_3[0].values
     velocity = np.linspace(-0.12, 0.12, _POINTS)
     readings = (
@@ -94,20 +90,21 @@ def _draw_improved() -> StudyFigure:
         Line(label=label, style=style, x=velocity, y=_compute_curve(get_law(name), given, velocity))
         for label, name, given, style in readings[::-1]
     ]
-    drawing = build_cloud_figure(
+    drawing = build_curve_figure(
         "Improved Stribeck law",
         "Friction torque against velocity by four readings of the improved Stribeck law, joint 1.",
         (_VELOCITY, _TORQUE),
-        lines=lines[::-1],
+        lines[::-1],
+        height=_HEIGHT,
     )
     caption = (
         "The improved Stribeck law with the paper's parameters of joint 1. The paper's formula is not known; "
         "H1 is the reading used here, the others can be chosen by name."
     )
-    return StudyFigure(counterpart="Figure 1", drawing=drawing, caption=caption)
+    return Drawing(drawing, caption)
 
 
-def _draw_stribeck() -> StudyFigure:
+def _draw_stribeck() -> Drawing:
     law, velocity = get_law("stribeck"), np.linspace(1e-6, 0.5, _POINTS)
     coulomb, static, stribeck, viscous = TABLE_1[-1].values
     bump = (static - coulomb) * np.exp(-((velocity / stribeck) ** 2))
@@ -122,30 +119,32 @@ def _draw_stribeck() -> StudyFigure:
         ("viscous", "fourth", viscous * velocity),
     )
     lines += [Line(label=f"{name} part", style=style, x=velocity, y=y) for name, style, y in parts]
-    drawing = build_cloud_figure(
+    drawing = build_curve_figure(
         "Original Stribeck law",
         "Friction torque against velocity by the three rows of Table 1, and the parts of the last one.",
         (_VELOCITY, _TORQUE),
-        lines=lines,
+        lines,
+        height=_HEIGHT,
     )
     caption = (
         "The curves of the paper's Table 1, which differ by at most 0.07 N m, and the parts of the last."
     )
-    return StudyFigure(counterpart="Figure 2", drawing=drawing, caption=caption)
+    return Drawing(drawing, caption)
 
 
-def _draw_scatter(counterpart: str, samples: FrictionSamples, what: str) -> StudyFigure:
-    drawing = build_cloud_figure(
+def _draw_scatter(samples: FrictionSamples, what: str) -> Drawing:
+    drawing = build_curve_figure(
         f"Friction against velocity, {what}",
         f"Samples of friction torque against velocity of joint 1, {what}.",
         (_VELOCITY, _TORQUE),
-        clouds=[Cloud(label="samples", x=samples.velocity, y=samples.torque)],
+        [_list_samples(samples.velocity, samples.torque)],
+        height=_HEIGHT,
     )
     caption = f"Joint 1, {what}: {samples.count} synthetic samples."
-    return StudyFigure(counterpart=counterpart, drawing=drawing, caption=caption)
+    return Drawing(drawing, caption)
 
 
-def _build_band(samples: FrictionSamples, found: FrictionEstimate, velocity: FloatArray) -> Band:
+def _build_band(samples: FrictionSamples, found: FrictionEstimate, velocity: FloatArray) -> Line:
     """Return where 95 percent of samples lie by the fit: noise, and doubt of the curve."""
     law, count = get_law(found.law), len(velocity)
     grid = replace(
@@ -160,25 +159,33 @@ def _build_band(samples: FrictionSamples, found: FrictionEstimate, velocity: Flo
     doubt = np.einsum("ni,ij,nj->n", design, np.array(found.covariance), design)
     torque = compute_friction_torque(law, grid.inputs, found.linear, found.shape)
     half = 2.0 * np.sqrt(found.sigma**2 + doubt)
-    return Band(label="band of two deviations", x=velocity, low=torque - half, high=torque + half)
+    return Line(
+        label="band of two deviations",
+        style="area",
+        x=np.concatenate([velocity, velocity[::-1]]),
+        y=np.concatenate([torque + half, (torque - half)[::-1]]),
+    )
 
 
-def _draw_one_fit(samples: FrictionSamples, study: FrictionStudy) -> StudyFigure:
+def _draw_one_fit(samples: FrictionSamples, study: FrictionStudy) -> Drawing:
     law = get_law("stribeck")
     found = fit_friction(samples, law)
     velocity = np.linspace(0.0, float(np.max(samples.velocity)), _POINTS)[1:]
     values = {run.estimator: run.values for run in study.contests[0].runs}
     styles = {"varpro": "predicted", "genetic": "third", "annealing": "virgin"}
-    drawing = build_cloud_figure(
+    drawing = build_curve_figure(
         "Fit to one trajectory",
         "Samples of joint 1 with the fitted curves of three estimators and a band of two deviations.",
         (_VELOCITY, _TORQUE),
-        clouds=[Cloud(label="samples", x=samples.velocity, y=samples.torque)],
-        bands=[_build_band(samples, found, velocity)],
-        lines=[
-            Line(label=name, style=style, x=velocity, y=_compute_curve(law, values[name], velocity))
-            for name, style in styles.items()
+        [
+            _build_band(samples, found, velocity),
+            _list_samples(samples.velocity, samples.torque),
+            *(
+                Line(label=name, style=style, x=velocity, y=_compute_curve(law, values[name], velocity))
+                for name, style in styles.items()
+            ),
         ],
+        height=_HEIGHT,
     )
     apart = max(
         float(
@@ -189,10 +196,10 @@ def _draw_one_fit(samples: FrictionSamples, study: FrictionStudy) -> StudyFigure
         for entry in values.values()
     )
     caption = f"All estimators' curves differ by at most {apart:.2g} N m; the band holds 95 % of the samples."
-    return StudyFigure(counterpart="Figure 7", drawing=drawing, caption=caption)
+    return Drawing(drawing, caption)
 
 
-def _draw_course(contest: EstimatorComparison) -> StudyFigure:
+def _draw_course(contest: EstimatorComparison) -> Drawing:
     least = min(run.objective for run in contest.runs if not run.reason)
     names = {"genetic": "genetic algorithm", "annealing": "hybrid with annealing"}
     lines = []
@@ -214,39 +221,37 @@ def _draw_course(contest: EstimatorComparison) -> StudyFigure:
         f"{contest.title}: how far the best candidate lies above the optimum that variable projection finds. "
         "A generation of the hybrid costs two evaluations a candidate."
     )
-    return StudyFigure(counterpart="Figure 8", drawing=drawing, caption=caption)
+    return Drawing(drawing, caption)
 
 
-def _draw_two_fit(samples: FrictionSamples, *, near: bool) -> StudyFigure:
+def _draw_two_fit(samples: FrictionSamples, *, near: bool) -> Drawing:
     """Return fits of all laws to two trajectories: all of it, or what lies near standstill."""
     reach = 0.06 if near else 1.0
     velocity = np.linspace(-reach, reach, _POINTS)
     fits = {name: fit_friction(samples, get_law(name)) for name in LAWS}
+    curves = {
+        name: compute_friction_torque(get_law(name), {"velocity": velocity}, found.linear, found.shape)
+        for name, found in fits.items()
+    }
     styles = dict(zip(LAWS, ("fourth", "third", "predicted"), strict=True))
     shown = np.abs(samples.velocity) <= reach
-    drawing = build_cloud_figure(
+    drawing = build_curve_figure(
         "Fits to two trajectories" + (", near standstill" if near else ""),
         "Samples of joint 1 with the fitted curves of three laws and a band of two deviations.",
         (_VELOCITY, _TORQUE),
-        clouds=[Cloud(label="samples", x=samples.velocity[shown], y=samples.torque[shown])],
-        bands=[_build_band(samples, fits[LAWS[-1]], velocity)],
-        lines=[
-            Line(
-                label=name,
-                style=styles[name],
-                x=velocity,
-                y=compute_friction_torque(get_law(name), {"velocity": velocity}, found.linear, found.shape),
-            )
-            for name, found in fits.items()
+        [
+            _build_band(samples, fits[LAWS[-1]], velocity),
+            _list_samples(samples.velocity[shown], samples.torque[shown]),
+            *(Line(label=name, style=styles[name], x=velocity, y=y) for name, y in curves.items()),
         ],
+        height=_HEIGHT,
     )
     sums = ", ".join(f"{name} {found.objective:.0f}" for name, found in fits.items())
     caption = f"Joint 1, both directions. Sums of squares in (N m)^2: {sums}. The band is the improved law's."
-    counterpart = "Figure 10" + (", near standstill" if near else "")
-    return StudyFigure(counterpart=counterpart, drawing=drawing, caption=caption)
+    return Drawing(drawing, caption)
 
 
-def _draw_torque(index: int, seed: int) -> StudyFigure:
+def _draw_torque(index: int, seed: int) -> Drawing:
     """Return the torque of a joint over one period, as measured and by all laws."""
     scene = build_gain_scene(index)
     samples = draw_samples(scene, np.random.default_rng(seed))
@@ -257,48 +262,22 @@ def _draw_torque(index: int, seed: int) -> StudyFigure:
         torque = compute_friction_torque(get_law(name), samples.inputs, found.linear, found.shape)
         lines.append(Line(label=name, style=styles[name], x=samples.time, y=torque))
         sums.append(found.objective)
-    drawing = build_cloud_figure(
+    drawing = build_curve_figure(
         f"Torque of joint {scene.joint}",
         f"Torque of joint {scene.joint} over one period, as measured and by three laws.",
         ("time (periods)", "torque (N m)"),
-        clouds=[Cloud(label="samples", x=samples.time, y=samples.torque)],
-        lines=lines,
+        [_list_samples(samples.time, samples.torque), *lines],
+        height=_HEIGHT,
     )
     caption = (
         f"Joint {scene.joint} in the motion of Table 4: in this draw the improved law leaves "
         f"{100.0 * (1.0 - sums[-1] / sums[0]):.1f} % less squared error than Coulomb + viscous and "
         f"{100.0 * (1.0 - sums[-1] / sums[1]):.1f} % less than the original Stribeck law."
     )
-    return StudyFigure(counterpart=f"Figure 11, joint {scene.joint}", drawing=drawing, caption=caption)
+    return Drawing(drawing, caption)
 
 
-_TEMPLATE = "friction_study.html.jinja"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrictionStudyPage:
-    """The context of the page: its fields are the template's variables."""
-
-    robot: str
-    verdict: FitVerdict
-    checks: tuple[tuple[str, str, str, str], ...]
-    tables: tuple[StudyTable, ...]
-    drawings: tuple[StudyFigure, ...]
-    settings: tuple[tuple[str, str], ...]
-    notices: tuple[str, ...]
-    origin: tuple[str, ...]
-
-
-def write_friction_study_report(path: Path, study: FrictionStudy) -> Path:
-    """Write the page to `path`, at once or not at all, and return the path.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
-    return write_file(path, render_page(_TEMPLATE, build_friction_study_report(study)))
-
-
-def build_friction_study_report(study: FrictionStudy) -> FrictionStudyPage:
+def build_friction_study_page(study: FrictionStudy) -> Page:
     """Return all that the page shows."""
     first, last = study.seeds
     draws = (
@@ -307,21 +286,34 @@ def build_friction_study_report(study: FrictionStudy) -> FrictionStudyPage:
         ("draws of Table 4", study.gains[0].draws),
         ("draws of the second robot", study.second[0].draws),
     )
-    return FrictionStudyPage(
+    checks = Table(
+        ("claim", "asked", "found", ""),
+        [(entry.name, entry.bar, entry.found, write_check_outcome(entry)) for entry in study.checks],
+        (0, 1, 2, 3),
+        "What is asked of these tables, and what came out; told: nothing to meet, or too few draws to judge.",
+    )
+    return Page(
         robot="Zhang, Hu and Zou (2021)",
+        subject="the tables of joint friction",
         verdict=_judge_checks(study.checks),
-        checks=tuple(
-            (entry.name, entry.bar, entry.found, write_check_outcome(entry)) for entry in study.checks
+        blocks=(
+            (
+                "Numbers of the paper stand next to ours, which come from synthetic data: the paper's "
+                "recordings are not public."
+            ),
+            "== Claims ==",
+            checks,
+            "== Tables ==",
+            *list_tables(study),
+            "== Figures ==",
+            *draw_study(study),
         ),
-        tables=list_tables(study),
-        drawings=draw_study(study),
         settings=(
             ("seeds", f"{first} to {last}"),
             *((name, str(count)) for name, count in draws),
             ("default estimator", "varpro"),
         ),
-        notices=(),
-        origin=(f"Written by symid {__version__}",),
+        origin=list_origin(),
     )
 
 

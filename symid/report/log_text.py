@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 from symid.environment import show_path
 from symid.errors import Notice
 from symid.notation import INERTIAL
-from symid.report.blocks import Block, Table, format_table
+from symid.report.blocks import Block, Table, select_fields
 from symid.robot import Robot
 
 if TYPE_CHECKING:
     from symid.dynamics import ParameterChange, Payload
-    from symid.excitation import Margin, OptimisedExcitation
+    from symid.excitation import OptimisedExcitation
     from symid.identification.diagnostics import LogCheck, LogExcitation, LogsCheck
     from symid.logs import JointSummary, LogTiming, Recording
 
@@ -38,7 +38,7 @@ def show_robot_check(robot: "Robot", checked: "LogsCheck") -> tuple[Block, ...]:
     keys = ("file", "samples", "duration", "period", "has_velocity", "second_encoder")
     header = ("log", "samples", "duration/s", "period/s", "velocity", "second encoder")
     entries = [describe_log(log.recording, log.timing, log.joints) for log in checked.logs]
-    blocks: list[Block] = [format_table(header, [[e[key] for key in keys] for e in entries], (0, 5), head)]
+    blocks: list[Block] = [Table(header, [[e[key] for key in keys] for e in entries], (0, 5), head)]
     blocks += [show_joints(e, log.joints) for e, log in zip(entries, checked.logs, strict=True)]
     if checked.copy is not None:
         file, notice = checked.copy
@@ -133,23 +133,15 @@ def show_joints(entry: dict[str, object], joints: "tuple[JointSummary, ...]") ->
         )
         for joint in joints
     ]
-    return format_table(header, rows, left=(0, 4), title=str(entry["file"]))
+    return Table(header, rows, left=(0, 4), title=str(entry["file"]))
 
 
 def _describe_identifiability(found: "LogExcitation") -> dict[str, object]:
     return {
         "parameters": [
-            {
-                "name": entry.name,
-                "verdict": entry.verdict,
-                "relative_std_percent": entry.relative_std_percent,
-                "reason": entry.reason,
-            }
-            for entry in found.parameters
+            select_fields(entry, "name verdict relative_std_percent reason") for entry in found.parameters
         ],
-        "singular_values": found.singular,
-        "rank": found.rank,
-        "condition": found.condition,
+        **select_fields(found, "singular_values=singular rank condition"),
     }
 
 
@@ -167,7 +159,7 @@ def _show_identifiability(found: "LogExcitation") -> tuple[Block, ...]:
     shown = [f"{value:.2g}" for value in found.singular[first : first + _SHOWN]]
     shown.insert(found.rank - first, "|")
     listed = f"{'... ' if first else ''}{' '.join(shown)}"
-    table = format_table(("parameter", "verdict", "std/%", "why"), rows, left=(0, 1, 3))
+    table = Table(("parameter", "verdict", "std/%", "why"), rows, left=(0, 1, 3))
     text = (
         f"What the logs tell: {counts}; condition {found.condition:.3g}\n"
         f"singular values of the scaled matrix about its rank {found.rank} of {len(found.singular)}: {listed}"
@@ -190,19 +182,14 @@ def list_remarks(robot: "Robot", found: "OptimisedExcitation", seed: int) -> tup
 def describe_excitation(robot: "Robot", found: "OptimisedExcitation", seed: int) -> dict[str, object]:
     """Return the trajectory as `symid excite --json` gives it."""
     harmonics = (found.coefficients.shape[1] - 1) // 2
+    figures = "condition random_condition random_median factor information random_information parameters"
     return {
         "robot": robot.name,
         "trajectory": found.trajectory.source,
         "duration": found.trajectory.duration,
         "harmonics": harmonics,
         "seed": seed,
-        "condition": found.condition,
-        "random_condition": found.random_condition,
-        "random_median": found.random_median,
-        "factor": found.factor,
-        "information": found.information,
-        "random_information": found.random_information,
-        "parameters": list(found.parameters),
+        **select_fields(found, figures),
         "joints": [
             {
                 "name": joint.name,
@@ -212,27 +199,15 @@ def describe_excitation(robot: "Robot", found: "OptimisedExcitation", seed: int)
             }
             for joint, row in zip(robot.axes, found.coefficients.tolist(), strict=True)
         ],
-        "limits": [_describe_margin(margin) for margin in found.margins],
-        "runs": [
+        "limits": [
             {
-                "start": run.start,
-                "condition": run.condition,
-                "iterations": run.iterations,
-                "status": run.status,
+                **select_fields(margin, "kind name value limit"),
+                "share_percent": None if margin.share is None else 100.0 * margin.share,
+                "allowed_percent": 100.0 * margin.allowed,
             }
-            for run in found.runs
+            for margin in found.margins
         ],
-    }
-
-
-def _describe_margin(margin: "Margin") -> dict[str, object]:
-    return {
-        "kind": margin.kind,
-        "name": margin.name,
-        "value": margin.value,
-        "limit": margin.limit,
-        "share_percent": None if margin.share is None else 100.0 * margin.share,
-        "allowed_percent": 100.0 * margin.allowed,
+        "runs": [select_fields(run, "start condition iterations status") for run in found.runs],
     }
 
 
@@ -252,10 +227,10 @@ def show_excitation(found: "OptimisedExcitation") -> tuple[Block, ...]:
         f"{found.random_information:.4g}"
     )
     title = "part of each limit that is used, at most:"
-    blocks: tuple[Block, ...] = (head, format_table(("joint", *kinds), rows, title=title))
+    blocks: tuple[Block, ...] = (head, Table(("joint", *kinds), rows, title=title))
     places = [[margin.name, margin.value] for margin in found.margins if margin.share is None]
     if places:
-        blocks += (format_table(("place", "least clearance/m"), places),)
+        blocks += (Table(("place", "least clearance/m"), places),)
     return blocks
 
 
@@ -273,10 +248,7 @@ def describe_payload(robot: Robot, found: "Payload") -> dict[str, object]:
         "inertia": {name[1:]: entry.value for name, entry in by_name.items() if name.startswith("J")},
         "quantities": [asdict(entry) for entry in found.quantities],
         "standard": dict(zip(INERTIAL, found.standard.tolist(), strict=True)),
-        "chi2": found.chi2,
-        "freedom": found.freedom,
-        "scale": found.scale,
-        "moved": found.moved,
+        **select_fields(found, "chi2 freedom scale moved"),
         "unexplained": [asdict(entry) for entry in found.unexplained],
         "friction": [asdict(entry) for entry in found.friction],
     }
@@ -288,7 +260,7 @@ def show_payload(robot: Robot, found: "Payload") -> tuple[Block, ...]:
         f"{robot.name}: what the link of joint {found.joint!r} carries\n"
         "in the frame that the robot file gives to the link; inertia about the centre of mass"
     )
-    table = format_table(
+    table = Table(
         ("quantity", "value", "std", "unit"),
         [
             [entry.name, entry.value, entry.std, entry.unit]

@@ -11,15 +11,15 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from symid.environment import show_path
-from symid.report.blocks import Block, Table, format_table, write_html
+from symid.report.blocks import Block, Table, select_fields, write_html
 from symid.robot import FRICTION_PARAMETERS, FRICTION_SHAPES, FrictionValues
 
 if TYPE_CHECKING:
     from symid.codegen import GeneratedFolder, RouteCount
     from symid.dynamics import BaseParameter, BaseParameters
-    from symid.identification import Draft, FileExport, WrittenFriction
+    from symid.identification import FileExport
     from symid.lessons import Step
-    from symid.logs import LogMapDraft
+    from symid.logs import Draft, LogMapDraft
     from symid.robot import Robot
 
 _WIDTH = 100
@@ -45,12 +45,8 @@ def tabulate_base(robot: "Robot", base: "BaseParameters") -> tuple[Block, ...]:
         for entry in (*parameters, *friction)
     ]
     header = ("parameter", "groups", "value", "unit", "why")
-    gone = (
-        [format_table(("eliminated", "why"), _gather_eliminated(base), left=(0, 1))]
-        if base.eliminated
-        else []
-    )
-    return (_summarise_base(robot, base), format_table(header, rows, left=(0, 1, 3, 4)), *gone)
+    gone = [Table(("eliminated", "why"), _gather_eliminated(base), left=(0, 1))] if base.eliminated else []
+    return (_summarise_base(robot, base), Table(header, rows, left=(0, 1, 3, 4)), *gone)
 
 
 def _summarise_base(robot: "Robot", base: "BaseParameters") -> str:
@@ -164,13 +160,7 @@ def describe_derivation(
         "robot": robot,
         "steps": [asdict(step) for step in steps],
         "operations": [
-            {
-                "function": entry.function,
-                "route": entry.route,
-                "chosen": entry.chosen,
-                **asdict(entry.operations),
-            }
-            for entry in counts
+            {**select_fields(entry, "function route chosen"), **asdict(entry.operations)} for entry in counts
         ],
     }
 
@@ -223,7 +213,7 @@ def _show_counts(counts: Sequence["RouteCount"]) -> Table:
             most = max(other.mul + other.add for other in all_routes)
             own = entry.operations
             rows.append((entry.function, own.mul, own.add, own.trig, most, entry.route))
-    return format_table(("function", "mul", "add", "trig", "most", "route"), rows, (0, 5), _INTRO)
+    return Table(("function", "mul", "add", "trig", "most", "route"), rows, (0, 5), _INTRO)
 
 
 _COUNTS = ("mul", "add", "trig")
@@ -252,7 +242,7 @@ def show_code(made: "GeneratedFolder") -> tuple[Block, ...]:
         for name, counts in made.operations.items()
     ]
     units = ("code and stack in bytes; batches in manifest.json",) if sizes else ()
-    return (summarise_code(made), format_table(header, rows), *units)
+    return (summarise_code(made), Table(header, rows), *units)
 
 
 def describe_code(robot: str, made: "GeneratedFolder") -> dict[str, object]:
@@ -289,7 +279,7 @@ def _show_log(part: "LogMapDraft") -> Table:
     units = _list_units(part)
     rows = [(name, ", ".join(entry.columns), units[name]) for name, entry in part.found.read.items()]
     header = ("quantity", "columns", "unit")
-    return format_table(header, rows, left=(0, 1, 2), title=f"log: {part.file}{preset}")
+    return Table(header, rows, left=(0, 1, 2), title=f"log: {part.file}{preset}")
 
 
 def _list_units(part: "LogMapDraft") -> dict[str, str]:
@@ -334,7 +324,10 @@ def describe_export(found: "FileExport") -> dict[str, object]:
         return {
             "file": str(found.file),
             "robot": found.robot.name,
-            "written": _describe_friction(found.friction),
+            "written": {
+                joint: {"law": found.friction.laws[joint], **_describe_values(values)}
+                for joint, values in found.friction.values.items()
+            },
             "kept": dict(found.friction.kept),
         }
     result = {
@@ -349,13 +342,6 @@ def describe_export(found: "FileExport") -> dict[str, object]:
         result["blamed"] = found.standard.blamed
         result["not_identified"] = found.missing
     return {**result, "left_out": found.left_out}
-
-
-def _describe_friction(friction: "WrittenFriction") -> Mapping[str, object]:
-    return {
-        joint: {"law": friction.laws[joint], **_describe_values(values)}
-        for joint, values in friction.values.items()
-    }
 
 
 def _describe_values(values: FrictionValues) -> dict[str, object]:

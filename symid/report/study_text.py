@@ -1,7 +1,6 @@
 """Studies of simulated robots, in tables for people and as objects for programs.
 
-Products of the room `study` -> blocks, dictionaries; of the friction study `StudyTable`, for page and
-terminal alike: rows of strings with a title and sentences on how to read them.
+Products of the room `study` -> blocks, dictionaries; the tables of the friction study are on its page too.
 
 Supported: all parts of all studies. Not supported: LaTeX.
 """
@@ -9,12 +8,12 @@ Supported: all parts of all studies. Not supported: LaTeX.
 import math
 import textwrap
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from symid.identification.friction import STOCHASTIC
 from symid.joint_models import get_law
-from symid.report.blocks import Block, Table, format_table
+from symid.report.blocks import Block, Table, select_fields
 from symid.study import (
     AGREEMENT,
     NEARNESS,
@@ -48,17 +47,7 @@ if TYPE_CHECKING:
 _MARK = "*"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StudyTable:
-    """A table: `names` of its columns, `rows` of equal length, `notes` on how to read it."""
-
-    title: str
-    names: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    notes: tuple[str, ...]
-
-
-def list_tables(study: FrictionStudy) -> tuple[StudyTable, ...]:
+def list_tables(study: FrictionStudy) -> tuple[Table, ...]:
     """Return all tables, the paper's in the order of their numbers."""
     return (
         _list_methods(study.agreement[0], study.seeds[0]),
@@ -71,6 +60,10 @@ def list_tables(study: FrictionStudy) -> tuple[StudyTable, ...]:
     )
 
 
+def _join_lines(*texts: str) -> str:
+    return "\n".join(texts)
+
+
 def write_check_outcome(check: FrictionCheck) -> str:
     """Return whether a claim is met, in a word or two."""
     if check.met is None:
@@ -78,7 +71,7 @@ def write_check_outcome(check: FrictionCheck) -> str:
     return "met" if check.met else "MISSED"
 
 
-def _list_methods(study: AgreementStudy, seed: int) -> StudyTable:
+def _list_methods(study: AgreementStudy, seed: int) -> Table:
     rows = [
         (f"paper, {row.method}", *(f"{value:.5g}" for value in row.values), f"{row.objective:.0f}")
         for row in TABLE_1
@@ -89,11 +82,11 @@ def _list_methods(study: AgreementStudy, seed: int) -> StudyTable:
     ]
     rows.append(("ours, truth", *(f"{value:.5g}" for value in study.truth), f"{study.expected:.1f}"))
     rows.append(("ours, Cramer-Rao", *(f"{value:.2g}" for value in study.bound), ""))
-    return StudyTable(
+    return Table(
         title="Table 1: joint 1, one trajectory, one direction, original Stribeck law",
-        names=("method", *_name_columns(study.names), "sum of squares"),
-        rows=tuple(rows),
-        notes=(
+        header=("method", *_name_columns(study.names), "sum of squares"),
+        rows=rows,
+        note=_join_lines(
             (
                 f"Ours: {study.sweep.samples} samples of half a cosine, peak {study.sweep.peak:g} rad/s, "
                 f"noise {study.noise:.4g} N m, seed {seed}; the truth is the paper's last row. Its "
@@ -110,10 +103,11 @@ def _name_columns(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(f"{name} ({units.get(name, 'N m')})" for name in names)
 
 
-def _list_agreement(studies: Sequence[AgreementStudy]) -> StudyTable:
-    return StudyTable(
+def _list_agreement(studies: Sequence[AgreementStudy]) -> Table:
+    return Table(
+        left=(0, 1),
         title=f"Agreement of all estimators, {studies[0].draws} draws of three motions each",
-        names=("peak, samples", "estimator", "worst excess", "draws within", "farthest", "beyond 3"),
+        header=("peak, samples", "estimator", "worst excess", "draws within", "farthest", "beyond 3"),
         rows=tuple(
             (
                 f"{study.sweep.peak:g} rad/s, {study.sweep.samples}",
@@ -126,23 +120,21 @@ def _list_agreement(studies: Sequence[AgreementStudy]) -> StudyTable:
             for study in studies
             for row in study.rows
         ),
-        notes=(
-            (
-                "Excess: sum of squares over the least one of the draw, less one. Within: "
-                f"{AGREEMENT:g} for deterministic estimators, {NEARNESS:g} for "
-                f"{', '.join(sorted(STOCHASTIC))}. Farthest: the largest error of a parameter in Cramer-Rao "
-                "deviations."
-            ),
+        note=(
+            "Excess: sum of squares over the least one of the draw, less one. Within: "
+            f"{AGREEMENT:g} for deterministic estimators, {NEARNESS:g} for "
+            f"{', '.join(sorted(STOCHASTIC))}. Farthest: the largest error of a parameter in Cramer-Rao "
+            "deviations."
         ),
     )
 
 
-def _list_recovery(study: Recovery) -> StudyTable:
+def _list_recovery(study: Recovery) -> Table:
     parameters = study.parameters
     peaks = " and ".join(f"{peak:g}" for peak in RECOVERY_PEAKS)
-    return StudyTable(
+    return Table(
         title=f"Table 3: joint {study.joint}, two trajectories, improved Stribeck law",
-        names=(f"{study.draws} draws", *_name_columns([entry.name for entry in parameters])),
+        header=(f"{study.draws} draws", *_name_columns([entry.name for entry in parameters])),
         rows=(
             ("paper = truth", *(f"{entry.truth:.5g}" for entry in parameters)),
             ("ours, mean", *(f"{entry.mean:.5g}" for entry in parameters)),
@@ -151,17 +143,15 @@ def _list_recovery(study: Recovery) -> StudyTable:
             ("deviation / Cramer-Rao", *(f"{entry.ratio:.3f}" for entry in parameters)),
             ("bias / deviation", *(f"{entry.bias:+.3f}" for entry in parameters)),
         ),
-        notes=(
-            (
-                f"Cosines with peaks {peaks} rad/s, {study.samples} samples in all, {study.slow} of them "
-                f"within dq0, noise {study.noise:g} N m, exponent 2. {study.solves} linear problems a fit "
-                "at most."
-            ),
+        note=(
+            f"Cosines with peaks {peaks} rad/s, {study.samples} samples in all, {study.slow} of them "
+            f"within dq0, noise {study.noise:g} N m, exponent 2. {study.solves} linear problems a fit "
+            "at most."
         ),
     )
 
 
-def _list_sums(studies: Sequence[GainStudy]) -> StudyTable:
+def _list_sums(studies: Sequence[GainStudy]) -> Table:
     names = ("Coulomb + viscous", "original Stribeck", "improved Stribeck")
     rows = [
         (f"joint {study.joint}, {who}", *(f"{value:.{digits}f}" for value in values))
@@ -172,32 +162,30 @@ def _list_sums(studies: Sequence[GainStudy]) -> StudyTable:
             ("ours, mean", study.sums, 0),
         )
     ]
-    return StudyTable(
+    return Table(
         title="Table 4: sums of squared errors, (N m)^2",
-        names=("joint", *names),
-        rows=tuple(rows),
-        notes=(
-            (
-                f"Ours: one cosine, peak {PEAK:g} rad/s, {studies[0].samples} samples, {studies[0].draws} "
-                "draws; scaled: one factor a joint, so that the improved law has the paper's sum: sums grow "
-                "with the number of samples, which the paper does not say."
-            ),
+        header=("joint", *names),
+        rows=rows,
+        note=(
+            f"Ours: one cosine, peak {PEAK:g} rad/s, {studies[0].samples} samples, {studies[0].draws} "
+            "draws; scaled: one factor a joint, so that the improved law has the paper's sum: sums grow "
+            "with the number of samples, which the paper does not say."
         ),
     )
 
 
-def _list_gains(studies: Sequence[GainStudy]) -> StudyTable:
+def _list_gains(studies: Sequence[GainStudy]) -> Table:
     misses = "; ".join(f"joint {study.joint}: {describe_gain_miss(study.stribeck)}" for study in studies)
-    return StudyTable(
+    return Table(
         title="Table 4: how much less the improved law leaves, percent of the sum of squares",
-        names=("joint, against", "paper", "ours", "deviation", "miss", "held out", "in RMS", "paper in RMS"),
+        header=("joint, against", "paper", "ours", "deviation", "miss", "held out", "in RMS", "paper in RMS"),
         rows=tuple(
             _write_gain(f"{study.joint}, {name}", gain, study.paper[column], study.paper[-1])
             for column, name in enumerate(("Coulomb + viscous", "original Stribeck"))
             for study in studies
             for gain in ((study.viscous, study.stribeck)[column],)
         ),
-        notes=(
+        note=_join_lines(
             (
                 f"The noise ({', '.join(f'{row.noise:g}' for row in TABLE_4)} N m) was set so that the gain "
                 "over Coulomb + viscous comes out as the paper prints it: these three rows are no test."
@@ -239,7 +227,7 @@ def _write_gain(name: str, gain: MeanGain, other: float, improved: float) -> tup
     )
 
 
-def _list_contest(contest: EstimatorComparison) -> StudyTable:
+def _list_contest(contest: EstimatorComparison) -> Table:
     timed = any(math.isfinite(run.seconds) for run in contest.runs)
     times = (f"ms{_MARK}",) if timed else ()
     names = (
@@ -266,11 +254,11 @@ def _list_contest(contest: EstimatorComparison) -> StudyTable:
         for run in contest.runs
     ]
     refused = [f"{run.estimator} was not run: {run.reason}." for run in contest.runs if run.reason]
-    return StudyTable(
+    return Table(
         title=f"All estimators on one data set: {contest.title}, {contest.law}, {contest.samples} samples",
-        names=names,
-        rows=tuple(rows),
-        notes=(
+        header=names,
+        rows=rows,
+        note=_join_lines(
             "Excess: over the least sum of squares of all. Every estimator with its defaults.",
             *(
                 f"{_MARK} The least of three runs with the uncertainty of the result, on a machine as busy "
@@ -282,11 +270,11 @@ def _list_contest(contest: EstimatorComparison) -> StudyTable:
     )
 
 
-def _list_second(study: Recovery) -> StudyTable:
+def _list_second(study: Recovery) -> Table:
     parameters = study.parameters
-    return StudyTable(
+    return Table(
         title=f"A second truth: {study.joint}, law {study.law}",
-        names=(f"{study.draws} draws", *_name_columns([entry.name for entry in parameters])),
+        header=(f"{study.draws} draws", *_name_columns([entry.name for entry in parameters])),
         rows=(
             ("published = truth", *(f"{entry.truth:.5g}" for entry in parameters)),
             ("ours, mean", *(f"{entry.mean:.5g}" for entry in parameters)),
@@ -300,12 +288,10 @@ def _list_second(study: Recovery) -> StudyTable:
             ("draws within 3", *(str(entry.inside) for entry in parameters)),
             ("identifiable", *("yes" if entry.told else "no" for entry in parameters)),
         ),
-        notes=(
-            (
-                f"Cosines with peaks 3 vs and 1 rad/s, {study.samples} samples in all, {study.slow} of them "
-                f"slower than vs, noise {study.noise:.3g} N m = 0.02 fC; identifiable: the bound is at most "
-                f"{100.0 * NOT_IDENTIFIABLE:g} % of the value."
-            ),
+        note=(
+            f"Cosines with peaks 3 vs and 1 rad/s, {study.samples} samples in all, {study.slow} of them "
+            f"slower than vs, noise {study.noise:.3g} N m = 0.02 fC; identifiable: the bound is at most "
+            f"{100.0 * NOT_IDENTIFIABLE:g} % of the value."
         ),
     )
 
@@ -333,7 +319,7 @@ def show_precision(study: "PrecisionStudy") -> tuple[Block, ...]:
         f"samples, condition {study.condition:.3g}, {study.seeds} seeds;\n"
         "root-mean-square errors over the Cramer-Rao bound"
     )
-    return (format_table(heading, rows, (0, 3), title),)
+    return (Table(heading, rows, (0, 3), title),)
 
 
 def show_cutoff(study: "CutoffStudy") -> tuple[Block, ...]:
@@ -347,7 +333,7 @@ def show_cutoff(study: "CutoffStudy") -> tuple[Block, ...]:
         f"{study.robot}, {study.source}: fitted to the first 60 %, residual of the rest within "
         f"{study.band:g} Hz in percent;\nthe cut-off that identify takes is {study.chosen:g} Hz"
     )
-    return (format_table(heading, rows, title=title),)
+    return (Table(heading, rows, title=title),)
 
 
 def _show_percent(value: float | None) -> str:
@@ -361,11 +347,8 @@ def describe_elastic_study(study: "ElasticStudy", numbers: range) -> dict[str, o
         "seeds": list(numbers),
         "studies": [
             {
-                "dataset": entry.dataset,
                 "condition": entry.condition.value,
-                "seeds": entry.seeds,
-                "bound_percent": entry.bound,
-                "spring_bound_percent": entry.spring_bound,
+                **select_fields(entry, "dataset seeds bound_percent=bound spring_bound_percent=spring_bound"),
                 "methods": [_describe_cell(cell) for cell in entry.cells],
             }
             for entry in study.studies
@@ -419,7 +402,7 @@ def _show_dataset(entry: "DatasetStudy") -> Table:
         for cell in entry.cells
     ]
     heading = ["method", "param", "90th", "hyst", "90th", "in range", *(["s"] if times else []), "outcome"]
-    return format_table(heading, rows, title=title)
+    return Table(heading, rows, title=title)
 
 
 def _show_error(value: float) -> str:
@@ -446,22 +429,18 @@ def show_tracking(study: "TrackingStudy") -> tuple[Block, ...]:
     ]
     return (
         f"{study.robot}: tracking of the held-out motion, medians over {study.seeds} seeds",
-        format_table(heading, rows),
+        Table(heading, rows),
         "paired differences of RMS errors in mrad",
-        format_table(["difference", "joint", "mean", "95 % interval", "verdict"], compared),
+        Table(["difference", "joint", "mean", "95 % interval", "verdict"], compared),
     )
 
 
 def describe_many_joints(result: "ManyJointsResult") -> dict[str, object]:
     """Return what each method leaves of a held-out motion as `--json` gives it."""
     return {
-        "robot": result.robot,
+        **select_fields(result, "robot parameters joints condition_elimination condition_energy"),
         "condition": result.condition.value,
-        "parameters": result.parameters,
-        "joints": result.joints,
         "methods": [asdict(entry) for entry in result.methods],
-        "condition_elimination": result.condition_elimination,
-        "condition_energy": result.condition_energy,
     }
 
 
@@ -480,26 +459,15 @@ def show_many_joints(result: "ManyJointsResult") -> Table:
         f"condition of the column-scaled rows: elimination {result.condition_elimination:.3g}, "
         f"energy {result.condition_energy:.3g}"
     )
-    return format_table(["method", *result.joints], rows, title=title, note=conditions)
+    return Table(["method", *result.joints], rows, title=title, note=conditions)
 
 
 def show_friction_tables(study: "FrictionStudy") -> tuple[Block, ...]:
     """Return the tables of joint friction, the paper's and ours, and what is asked of ours."""
-    tables = (
-        format_table(
-            table.names,
-            table.rows,
-            (0, 1) if table.names[1] == "estimator" else (0,),
-            table.title,
-            "\n".join(textwrap.fill(note, width=_WIDTH) for note in table.notes),
-        )
-        for table in list_tables(study)
-    )
-    return (*tables, _show_checks(study.checks))
+    return (*list_tables(study), _show_checks(study.checks))
 
 
 def _show_checks(checks: "Sequence[FrictionCheck]") -> str:
-
     lines = [
         textwrap.fill(
             f"{write_check_outcome(check):6}  {check.name}: {check.found} (asked: {check.bar})",

@@ -18,8 +18,8 @@ from symid.identification import (
     TrackingComparison,
 )
 from symid.identification.elastic import ElasticTrial
-from symid.report.blocks import Block, Drawing, format_table
-from symid.report.elastic_page import build_trial_section
+from symid.report.blocks import Block, Drawing, Table, select_fields
+from symid.report.elastic_page import draw_loops
 from symid.report.fit_text import (
     describe_alignment,
     describe_band,
@@ -28,7 +28,7 @@ from symid.report.fit_text import (
     show_band,
     show_residual,
 )
-from symid.report.identification_page import draw_joint_prediction
+from symid.report.identification_page import draw_prediction
 from symid.robot import Robot
 
 if TYPE_CHECKING:
@@ -67,12 +67,15 @@ def describe_trial(found: AnyValidation) -> dict[str, object]:
 def draw_trial(found: AnyValidation) -> tuple[Drawing, ...]:
     """Return measured and predicted torques against time; of elastic joints torque over torsion."""
     if isinstance(found, ElasticValidation):
-        section = build_trial_section(found.trial)
         return tuple(
-            Drawing(entry.loops, f"{entry.joint}: joint torque over torsion") for entry in section.joints
+            Drawing(draw_loops(entry), f"{entry.joint}: joint torque over torsion")
+            for entry in found.trial.joints
         )
-    drawn = (draw_joint_prediction(series, found.validation.rows) for series in found.validation.series)
-    return tuple(Drawing(entry.prediction, f"{entry.joint}: measured and predicted") for entry in drawn)
+    validation = found.validation
+    return tuple(
+        Drawing(draw_prediction(series, validation.rows), f"{series.joint}: measured and predicted")
+        for series in validation.series
+    )
 
 
 def _show_rigid(found: RigidValidation) -> tuple[Block, ...]:
@@ -105,7 +108,7 @@ def _show_friction(found: FrictionValidation) -> tuple[Block, ...]:
         f"{found.robot.name}, friction and rigid part on {validation.source}: mean relative residual "
         f"{validation.mean_relative_percent:.4f} %"
     )
-    return (head, format_table(("joint", "law", "relative/%", "RMS", "unit", "rows"), rows, left=(0, 1, 4)))
+    return (head, Table(("joint", "law", "relative/%", "RMS", "unit", "rows"), rows, left=(0, 1, 4)))
 
 
 def _show_elastic(robot: Robot, trial: ElasticTrial) -> tuple[Block, ...]:
@@ -145,7 +148,7 @@ def _show_tracking(robot: Robot, tracking: TrackingComparison) -> tuple[Block, .
         "the feed-forward does not know. The rigid one has dynamics and friction of Case 1."
     )
     header = ("joint", "feed-forward", "rms", "peak", "unit")
-    return (head, format_table(header, rows, left=(0, 1, 4)))
+    return (head, Table(header, rows, left=(0, 1, 4)))
 
 
 def _describe_elastic(found: ElasticValidation) -> dict[str, object]:
@@ -191,57 +194,35 @@ def _describe_tracking(robot: Robot, tracking: TrackingComparison) -> dict[str, 
 def describe_diagnosis(diagnosis: "Diagnosis") -> dict[str, object]:
     """Return the diagnosis as `symid report --diagnose --json` gives it."""
     essential, bootstrap, drift = diagnosis.essential, diagnosis.bootstrap, diagnosis.drift
+    spread = zip(bootstrap.names, bootstrap.deviations, bootstrap.low, bootstrap.high, strict=True)
+    dropped, changed = "name deviations=ratio price_percent", "name values stds=deviations chance"
     return {
-        "singular_values": list(diagnosis.singular),
-        "rank": diagnosis.rank,
+        **select_fields(diagnosis, "singular_values=singular rank"),
         "refit": None if diagnosis.refit is None else {"largest_difference_stds": diagnosis.refit},
         "correlated": [
             {"parameters": [first, second], "correlation": value}
             for first, second, value in diagnosis.correlated
         ],
         "essential": {
-            "kept": list(essential.kept),
-            "dropped": [
-                {"name": entry.name, "deviations": entry.ratio, "price_percent": entry.price_percent}
-                for entry in essential.dropped
-            ],
-            "price_percent": essential.price_percent,
+            **select_fields(essential, "kept price_percent"),
+            "dropped": [select_fields(entry, dropped) for entry in essential.dropped],
         },
         "bootstrap": {
-            "blocks": bootstrap.blocks,
-            "replicates": bootstrap.replicates,
+            **select_fields(bootstrap, "blocks replicates"),
             "parameters": [
-                {"name": name, "std": std, "low": low, "high": high}
-                for name, std, low, high in zip(
-                    bootstrap.names,
-                    bootstrap.deviations.tolist(),
-                    bootstrap.low.tolist(),
-                    bootstrap.high.tolist(),
-                    strict=True,
-                )
+                {"name": name, "std": float(std), "low": float(low), "high": float(high)}
+                for name, std, low, high in spread
             ],
         },
         "drift": {
             "compared": drift.compared,
-            "changed": [
-                {"name": entry.name, "values": entry.values, "stds": entry.deviations, "chance": entry.chance}
-                for entry in drift.changed
-            ],
+            "changed": [select_fields(entry, changed) for entry in drift.changed],
         },
         "structure": [
-            {
-                "joint": entry.joint,
-                "follows": entry.family,
-                "share_percent": entry.share_percent,
-                "rms": entry.rms,
-                "unit": entry.unit,
-                "advice": entry.advice,
-            }
+            select_fields(entry, "joint follows=family share_percent rms unit advice")
             for entry in diagnosis.structure
         ],
-        "prices": [
-            {"what": entry.what, "of": entry.of, "percent": entry.percent} for entry in diagnosis.prices
-        ],
+        "prices": [select_fields(entry, "what of percent") for entry in diagnosis.prices],
     }
 
 
@@ -264,7 +245,7 @@ def show_diagnosis(diagnosis: "Diagnosis") -> tuple[Block, ...]:
             [entry.joint, entry.family, f"{entry.share_percent:.3g}", entry.rms, entry.unit]
             for entry in diagnosis.structure
         ]
-        table = format_table(("joint", "residual follows", "share/%", "rms", "unit"), rows, left=(0, 1, 4))
+        table = Table(("joint", "residual follows", "share/%", "rms", "unit"), rows, left=(0, 1, 4))
         return ("\n".join(lines), table)
     return ("\n".join(lines),)
 
@@ -302,7 +283,7 @@ def _show_compared(ours: "EstimateSide", found: "Compared") -> tuple[Block, ...]
     farthest = [_describe_difference(found, k) for k in comparison.list_farthest()]
     return (
         f"{ours.identified.robot.name}: {show_path(ours.source)} beside {show_path(other.source)}{columns}",
-        format_table(header, rows, left=(0, 6)),
+        Table(header, rows, left=(0, 6)),
         "\n".join(_summarise_agreement(found)),
         *(["largest differences\n" + "\n".join(f"  {text}" for text in farthest)] if farthest else []),
         "\n".join(_list_left_out(found)),
@@ -408,28 +389,17 @@ def describe_comparison(
 def _describe_compared(found: "Compared") -> dict[str, object]:
     comparison, other = found.comparison, found.other
     total = comparison.chi_square
+    sides = "other=theirs other_std=theirs_std ours ours_std difference deviations"
+    chance = None if total is None or other.shared else total.chance
+    columns = other.columns
     return {
         "source": show_path(other.source),
-        "columns": None
-        if other.columns is None
-        else {
-            "name": other.columns.name,
-            "value": other.columns.value,
-            "deviation": other.columns.deviation,
-            "percent": other.columns.percent,
-        },
+        "columns": None if columns is None else select_fields(columns, "name value deviation percent"),
         "groups": [
             {
-                "group": value.group,
+                **select_fields(value, f"group unit {sides}"),
                 "line": value.line or None,
                 "read_as": value.read_as or None,
-                "unit": value.unit,
-                "other": value.theirs,
-                "other_std": value.theirs_std,
-                "ours": value.ours,
-                "ours_std": value.ours_std,
-                "difference": value.difference,
-                "deviations": value.deviations,
             }
             for value in found.values
         ],
@@ -438,31 +408,18 @@ def _describe_compared(found: "Compared") -> dict[str, object]:
         "largest": comparison.largest,
         "chi_square": None
         if total is None
-        else {
-            "value": total.value,
-            "freedom": total.freedom,
-            "probability": None if other.shared else total.chance,
-        },
-        "absent": found.absent,
-        "neither": found.neither,
-        "lacking": found.lacking,
-        "not_ours": found.not_ours,
-        "other_model": other.strange,
-        "shared_logs": other.shared,
-        "readings": [_describe_reading(found, *entry) for entry in found.readings],
-    }
-
-
-def _describe_reading(found: "Compared", reading: "OpenReading", tried: "TriedReading") -> dict[str, object]:
-    return {
-        "group": found.groups[reading.group].text,
-        "read_as": _write_reading(found, reading),
-        "coupling": reading.coupling or None,
-        "before": tried.before,
-        "after": tried.after,
-        "gain": tried.gain,
-        "log_ratio": tried.log_ratio,
-        "decisive": tried.decisive,
+        else {**select_fields(total, "value freedom"), "probability": chance},
+        **select_fields(found, "absent neither lacking not_ours"),
+        **select_fields(other, "other_model=strange shared_logs=shared"),
+        "readings": [
+            {
+                "group": found.groups[reading.group].text,
+                "read_as": _write_reading(found, reading),
+                "coupling": reading.coupling or None,
+                **select_fields(tried, "before after gain log_ratio decisive"),
+            }
+            for reading, tried in found.readings
+        ],
     }
 
 

@@ -1,6 +1,7 @@
-"""The verdict: what an identification is worth, in sentences, for rigid and for elastic joints.
+"""The verdict: what an identification is worth, in sentences.
 
-Estimate and what it explains of held-out logs -> `FitVerdict`.
+Estimate of rigid or elastic joints and what it explains of held-out logs -> `FitVerdict`; laws of friction,
+which were tried on blocks held back when they were chosen, -> `FitVerdict`.
 
 The judgement starts relative: the model is as good on a log it has not seen as on its own, or it is not; of
 elastic joints, what springs and dynamics leave unexplained there, and whether springs with memory explain
@@ -20,19 +21,28 @@ from statistics import NormalDist
 import numpy as np
 
 from symid.arrays import FloatArray
-from symid.identification.elastic import ElasticEstimate, ElasticTrial, JointTrial, MethodOutcome
+from symid.identification.elastic import ElasticEstimate, ElasticTrial, JointTrial
 from symid.identification.estimators import Estimate, ParameterEstimate, Validation
+from symid.identification.friction import FrictionIdentification, JointFriction
+from symid.ipopt import Ending
 
 _SAME, _WORSE = 1.2, 2.0
 _SHARP, _VAGUE = 10.0, 30.0
 _CONDITION = 1000.0
 _LARGE, _HUGE = 10.0, 30.0
-"""Percent of a held-out log left unexplained beyond which a model is not good, and poor."""
+"""Percent of a torque left unexplained beyond which a model is not good, and poor."""
 _VAGUE_SHARE = 1.0 / 3.0
 _CHANCE = 0.01
 """A deviation less likely than this is no chance."""
 LEVELS = ("poor", "fair", "good")
-_QUANTITIES = {"torque": "torque", "momentum": "impulse", "energy": "work"}
+QUANTITIES = {
+    "torque": "torque",
+    "filtered": "filtered torque",
+    "momentum": "impulse",
+    "energy": "work",
+    "power": "filtered power",
+}
+"""What is measured and predicted, by the rows of a fit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,7 +102,7 @@ def _judge_prediction(estimate: Estimate, validations: tuple[Validation, ...]) -
     if not same:
         worst = max(validations, key=lambda validation: validation.mean_relative_percent)
         text = (
-            f"On held-out logs {worst.mean_relative_percent:.3g} % of the {_QUANTITIES[worst.rows]} is left "
+            f"On held-out logs {worst.mean_relative_percent:.3g} % of the {QUANTITIES[worst.rows]} is left "
             f"unexplained; the fit was to {estimate.rows} rows, so this says nothing about carrying over."
         )
         return "fair", text
@@ -100,7 +110,7 @@ def _judge_prediction(estimate: Estimate, validations: tuple[Validation, ...]) -
         (_compute_held_out_ratio(estimate, validation), validation.source) for validation in same
     )
     percent = max(validation.mean_relative_percent for validation in same)
-    quantity = _QUANTITIES[estimate.rows]
+    quantity = QUANTITIES[estimate.rows]
     if ratio <= _SAME:
         text = (
             "The model predicts motions it has not seen as well as those it was fitted to: "
@@ -169,7 +179,7 @@ def _list_missed(parameters: tuple[ParameterEstimate, ...]) -> tuple[list[str], 
     of cases, or when so many beyond 3 std are less likely than 1 %.
     """
     known = [(entry, entry.truth) for entry in parameters if entry.truth is not None]
-    far = [entry for entry, truth in known if not abs(entry.value - truth) <= 3.0 * entry.std]
+    far = [entry for entry, _ in known if not entry.near_truth]
     if not far:
         return [], len(known)
     whole = len(known)
@@ -199,10 +209,10 @@ def _describe_precision(parameters: tuple[ParameterEstimate, ...]) -> list[str]:
 
 
 def _describe_truth(parameters: tuple[ParameterEstimate, ...]) -> str:
-    known = [(entry.truth, entry) for entry in parameters if entry.truth is not None]
+    known = [entry for entry in parameters if entry.truth is not None]
     if not known:
         return ""
-    far = [entry.name for truth, entry in known if not abs(entry.value - truth) <= 3.0 * entry.std]
+    far = [entry.name for entry in known if not entry.near_truth]
     inside = len(known) - len(far)
     text = (
         f"Of {len(known)} parameters whose true value is stated, {inside} "
@@ -211,13 +221,11 @@ def _describe_truth(parameters: tuple[ParameterEstimate, ...]) -> str:
     return f"{text}; not {', '.join(far)}." if far else f"{text}."
 
 
-_LARGE, _HUGE = 10.0, 30.0
-"""Percent of a held-out joint torque left unexplained beyond which a model is not good, and poor."""
 _BETTER = 0.9
 """Part of the linear springs' residual that springs with memory must stay below to be called better."""
 _NEAR = 1.0
 """Percent of its true value within which a parameter counts as met."""
-_CONVERGED = frozenset({MethodOutcome.SOLVED, MethodOutcome.CONVERGED})
+_CONVERGED = frozenset({Ending.SOLVED, Ending.CONVERGED})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -258,23 +266,20 @@ def judge_elastic(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> 
     return apply_caps(level, headline, details, caps)
 
 
-def _compute_error(entry: ParameterEstimate) -> float | None:
-    """Return the error in percent of a true value that is not zero."""
-    return 100.0 * abs(entry.value - entry.truth) / abs(entry.truth) if entry.truth else None
-
-
 def _accept_near_truth(entry: ParameterEstimate) -> ParameterEstimate:
     """Return the parameter as met exactly where it is met well enough, whatever chance says.
 
     A spring on a grid is a model, and what it lacks is no noise.
     """
-    error = _compute_error(entry)
-    return replace(entry, truth=entry.value) if error is not None and error <= _NEAR else entry
+    error = entry.error_percent
+    return replace(entry, truth=entry.value) if error is not None and abs(error) <= _NEAR else entry
 
 
 def _describe_errors(estimate: ElasticEstimate) -> list[str]:
     errors = [
-        (error, entry.name) for entry in estimate.parameters if (error := _compute_error(entry)) is not None
+        (abs(error), entry.name)
+        for entry in estimate.parameters
+        if (error := entry.error_percent) is not None
     ]
     if not errors:
         return []
@@ -315,3 +320,41 @@ def _judge_held_out(shares: _Shares) -> tuple[str, str, list[str]]:
     if shares.spring <= _BETTER * shares.linear:
         return level, headline, [f"{text}: springs with memory explain more."]
     return level, headline, [f"{text}: springs with memory explain no more than that."]
+
+
+def judge_friction(found: FrictionIdentification) -> FitVerdict:
+    """Return what the result is worth: how well what was held back is predicted, what is not known."""
+    tried = [entry for entry in found.joints if entry.selection is not None]
+    names = ", ".join(f"{entry.joint}: {entry.estimate.law}" for entry in found.joints)
+    level, headline = "fair", f"Laws of friction: {names}. Nothing that was held back has tested them."
+    if tried and len(tried) == len(found.joints):
+        ratio = max(map(_compute_law_ratio, tried))
+        same = ratio <= _SAME
+        level = "good" if same else "fair"
+        headline = (
+            f"Laws of friction: {names}. Blocks held back are predicted "
+            + ("as well as" if same else f"{ratio:.2g} times worse than")
+            + " those fitted."
+        )
+    caps: list[tuple[str, str]] = []
+    worst = max(entry.residual.relative_percent for entry in found.joints)
+    if worst > _LARGE:
+        cap = "poor" if worst > _HUGE else "fair"
+        caps.append((cap, f"{worst:.3g} % of a torque is left unexplained"))
+    lost = [f"{name} of {entry.joint}" for entry in found.joints for name, _ in entry.estimate.refused]
+    if lost:
+        caps.append(("fair", f"these logs do not tell {', '.join(lost)}"))
+    details = [entry.selection.verdict for entry in tried if entry.selection is not None]
+    details += [f"{entry.poses.verdict}." for entry in found.joints if entry.poses is not None]
+    details += [f"{name}: {reason}." for name, reason in found.refused]
+    return apply_caps(level, headline, details, caps)
+
+
+def _compute_law_ratio(entry: JointFriction) -> float:
+    """Return the error held back over that fitted, of the law taken."""
+    if entry.selection is None:
+        return 1.0
+    taken = next(trial for trial in entry.selection.trials if trial.law == entry.selection.chosen)
+    if not taken.fitted_percent or taken.held_percent is None:
+        return 1.0
+    return taken.held_percent / taken.fitted_percent

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     )
     from symid.robot.dh_table import read_dh_table as read_dh_table
     from symid.robot.elasticity import Elasticity as Elasticity, Knee as Knee, Stop as Stop
-    from symid.robot.exact_values import Symbols as Symbols, read_constant as read_constant
+    from symid.robot.exact_values import Symbols as Symbols
     from symid.robot.geometry import (
         ONE as ONE,
         ZERO as ZERO,
@@ -67,11 +67,14 @@ if TYPE_CHECKING:
     from symid.robot.toml_joints import read_body as read_body
     from symid.robot.toml_reader import parse_robot as parse_robot, read_robot as read_robot
     from symid.robot.toml_settings import (
+        JOINT_DIMENSIONS as JOINT_DIMENSIONS,
         TransmissionMatrix as TransmissionMatrix,
         compute_condition as compute_condition,
+        compute_current_factor as compute_current_factor,
         describe_settings as describe_settings,
         list_controller as list_controller,
         read_log as read_log,
+        read_offset as read_offset,
         read_processing as read_processing,
     )
     from symid.robot.toml_values import (

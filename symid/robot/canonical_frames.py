@@ -26,8 +26,6 @@ from fractions import Fraction
 from itertools import chain
 from math import atan2, hypot
 
-import numpy as np
-
 from symid.robot.description import Joint
 from symid.robot.geometry import (
     IDENTITY,
@@ -49,7 +47,7 @@ from symid.robot.geometry import (
     snap_to_quarter_turns,
     to_floats,
 )
-from symid.robot.inertia import move_parameters
+from symid.robot.inertia import move_by_placement
 
 SMALLEST_SNAP = 1e-9
 """Angles below this are the rounding of what was written (rad)."""
@@ -134,7 +132,10 @@ def _rationalize_translation(
         has_long_denominator(value, _LONGEST_LENGTH if value.is_rational else _LONGEST_SURD)
         for value in origin
     ):
-        return _clear_rounding(origin)
+        x, y, z = (
+            ZERO if value.is_number and abs(value.to_float()) < SMALLEST_LENGTH else value for value in origin
+        )
+        return (x, y, z)
     if not all(value.is_number for value in origin):
         return origin
     t = [value.to_float(symbols) for value in origin]
@@ -145,13 +146,6 @@ def _rationalize_translation(
         offset = _round_length(d)
         return (_round_length(rest[0]), u[1] * offset, u[2] * offset)
     return (_round_length(t[0]), _round_length(t[1]), _round_length(t[2]))
-
-
-def _clear_rounding(origin: ExactVector) -> ExactVector:
-    x, y, z = (
-        ZERO if value.is_number and abs(value.to_float()) < SMALLEST_LENGTH else value for value in origin
-    )
-    return (x, y, z)
 
 
 def _round_length(value: float) -> Exact:
@@ -237,7 +231,7 @@ def choose_canonical_frames(
                 joint,
                 placement=settled.placement,
                 frame=framed.placement,
-                inertial=joint.inertial and _move_inertial(joint.inertial, back, values),
+                inertial=joint.inertial and move_by_placement(joint.inertial, back, values),
             )
         )
         moved_by.append(max(settled.moved_by, framed.moved_by))
@@ -253,15 +247,6 @@ def _measure_tilt(placement: Placement) -> float:
     """Return the angle between the z axes (rad) where it is small and not zero, else zero."""
     tilt = hypot(placement.rotation[0][2].to_float(), placement.rotation[1][2].to_float())
     return tilt if SMALLEST_SNAP < tilt < _NEARLY_PARALLEL else 0.0
-
-
-def _move_inertial(
-    inertial: tuple[float, ...], back: Placement, symbols: Mapping[str, float]
-) -> tuple[float, ...]:
-    if back == IDENTITY:
-        return inertial
-    translation = np.array([entry.to_float(symbols) for entry in back.translation])
-    return move_parameters(inertial, np.array(to_floats(back)), translation)
 
 
 def _choose_frame(child: Placement, symbols: Mapping[str, float], tolerance: float) -> _FrameChoice:

@@ -106,16 +106,10 @@ def parse_dh_table(
     start = Place(file, 1, 1)
     report = InputReport(Places(keys=places, values=places, whole=start), errors=errors)
     if not joints:
-        report.errors.append(
-            _build_notice("robot.missing-key", start, "no rows below the header; write one a joint")
-        )
+        report.errors.append(start.notice("robot.missing-key", "no rows below the header; write one a joint"))
     if not joints or any(error.code == "robot.table-header" for error in errors):
         raise RobotError(*report.notices())
     return build_robot(Section(values=values, path=(), report=report), file)
-
-
-def _build_notice(code: str, place: Place, text: str) -> Notice:
-    return Notice(code=code, text=text, file=place.file, line=place.line, column=place.column)
 
 
 def _split_cells(text: str, file: str) -> list[list[_Cell]]:
@@ -154,23 +148,23 @@ def _read_header(cells: list[_Cell], errors: list[Notice]) -> list[str]:
     keys: list[str] = []
     if not any(cell.text.lower() in _COLUMNS for cell in cells):
         text = f"no header; the first line names the columns: joint,kind,alpha,a,d,theta ({_COLUMN_HINT})"
-        raise RobotError(_build_notice("robot.table-header", cells[0].place, text))
+        raise RobotError(cells[0].place.notice("robot.table-header", text))
     for cell in cells:
         name = cell.text.lower()
         if name not in _COLUMNS:
             hint = suggest_names(name, _COLUMNS)
             text = f'there is no column "{cell.text}"; {hint + " " if hint else ""}allowed are'
             text = f"{text} {', '.join(_COLUMNS)}"
-            errors.append(_build_notice("robot.table-header", cell.place, text))
+            errors.append(cell.place.notice("robot.table-header", text))
         elif _COLUMNS[name][0] in keys:
             text = f'"{cell.text}" says the same as a column before; keep one of the two'
-            errors.append(_build_notice("robot.table-header", cell.place, text))
+            errors.append(cell.place.notice("robot.table-header", text))
         keys.append(_COLUMNS.get(name, ("", None))[0])
         names.append(name)
     missing = [key for key in ("alpha", "a", "d", "theta") if key not in keys]
     if missing:
         text = f"the columns {', '.join(missing)} are missing; the first line names all: alpha,a,d,theta"
-        errors.append(_build_notice("robot.table-header", cells[0].place, text))
+        errors.append(cells[0].place.notice("robot.table-header", text))
     return names
 
 
@@ -185,7 +179,7 @@ def _read_row(
     joint: dict[str, Any] = {}
     if len(cells) != len(header):
         text = f"{len(cells)} cells under {len(header)} columns; write 0 where there is nothing"
-        errors.append(_build_notice("robot.table-row", cells[0].place, text))
+        errors.append(cells[0].place.notice("robot.table-row", text))
     variables: list[tuple[str, Place]] = []
     for name, cell in zip(header, cells, strict=False):
         key, unit = _COLUMNS.get(name, ("", None))
@@ -212,7 +206,7 @@ def _check_length(joint: dict[str, Any], key: str, cell: _Cell, errors: list[Not
     if form is None or not form.is_number:
         comma = "; decimals have a point, not a comma" if "," in cell.text else ""
         text = f'{key}: expected a number, got "{cell.text}"{comma}; symbols belong into the robot file'
-        errors.append(_build_notice("robot.bad-length", cell.place, text))
+        errors.append(cell.place.notice("robot.bad-length", text))
         del joint[key]
 
 
@@ -232,23 +226,23 @@ def _check_variable(
     """Give the joint the kind that its variable says, or tell what does not agree."""
     if len(variables) > 1:
         text = "q stands twice in this row; a joint has one variable, under theta or under d"
-        errors.append(_build_notice("robot.table-row", variables[1][1], text))
+        errors.append(variables[1][1].notice("robot.table-row", text))
         joint.setdefault("kind", "revolute")
         return
     if not variables:
         if "kind" not in joint:
             text = "neither q nor kind: write q under theta (revolute) or d (prismatic), or fill in kind"
-            errors.append(_build_notice("robot.table-row", place, text))
+            errors.append(place.notice("robot.table-row", text))
             joint["kind"] = "revolute"
         return
     key, where = variables[0]
     if key not in _KINDS:
         text = f"q under {key}; a joint turns under theta or slides under d"
-        errors.append(_build_notice("robot.table-row", where, text))
+        errors.append(where.notice("robot.table-row", text))
         joint.setdefault("kind", "revolute")
         return
     kind = joint.setdefault("kind", _KINDS[key])
     alike = "revolute" if kind == "continuous" else kind
     if alike in ("fixed", "revolute", "prismatic") and alike != _KINDS[key]:
         text = f'q under {key} is a {_KINDS[key]} joint, but kind says "{kind}"; correct one of them'
-        errors.append(_build_notice("robot.table-row", where, text))
+        errors.append(where.notice("robot.table-row", text))

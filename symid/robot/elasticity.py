@@ -109,16 +109,6 @@ def _list_slope_mistakes(elasticity: Elasticity) -> list[str]:
     return mistakes
 
 
-def list_catalogue_mistakes(stiffnesses: Sequence[float], torques: Sequence[float]) -> tuple[str, ...]:
-    """Return what is wrong with K1 K2 K3 and T1 T2, in words."""
-    mistakes = []
-    if not all(value > 0 for value in stiffnesses):
-        mistakes.append("K1, K2 and K3 must be positive")
-    if not 0 < torques[0] < torques[1]:
-        mistakes.append("T1 and T2 must be positive and increase")
-    return tuple(mistakes)
-
-
 def compute_catalogue_knees(stiffnesses: Sequence[float], torques: Sequence[float]) -> tuple[Knee, ...]:
     """Return the knees that make a spring K1 one of K2 beyond T1 and K3 beyond T2, on both sides.
 
@@ -131,7 +121,8 @@ def compute_catalogue_knees(stiffnesses: Sequence[float], torques: Sequence[floa
     Raises:
         RobotError: a value is not positive, or the torques do not increase.
     """
-    mistakes = list_catalogue_mistakes(stiffnesses, torques)
+    mistakes = [] if all(value > 0 for value in stiffnesses) else ["K1, K2 and K3 must be positive"]
+    mistakes += [] if 0 < torques[0] < torques[1] else ["T1 and T2 must be positive and increase"]
     if mistakes:
         raise RobotError(*(Notice(code="robot.invalid-elasticity", text=text) for text in mistakes))
     first, second, third = stiffnesses

@@ -50,6 +50,7 @@ from symid.robot.toml_values import (
     Section,
     explain_number,
     get_element,
+    has_list,
     read_table,
     suggest_names,
     to_decimal,
@@ -353,30 +354,18 @@ def read_origin(section: Section, key: str, symbols: Symbols) -> Placement:
     if table is None:
         return IDENTITY
     x, y, z = (ZERO, ZERO, ZERO)
-    if _has_list(table, "xyz", "3 lengths in m"):
+    if has_list(table, "xyz", 3, "lengths in m"):
         x, y, z = (read_length(table, "xyz", symbols, index) for index in range(3))
     if "rpy" in table.values and "quaternion" in table.values:
         text = "stands next to rpy, which says the same; keep one of the two"
         table.refuse_key("robot.two-forms", "quaternion", text)
     rotation = IDENTITY.rotation
-    if _has_list(table, "rpy", "3 angles"):
+    if has_list(table, "rpy", 3, "angles"):
         roll, pitch, yaw = (read_angle(table, "rpy", index) for index in range(3))
         rotation = rotate_rpy(roll, pitch, yaw).rotation
-    if _has_list(table, "quaternion", "4 numbers w, x, y, z"):
+    if has_list(table, "quaternion", 4, "numbers w, x, y, z"):
         rotation = _read_quaternion(table)
     return Placement(rotation=rotation, translation=(x, y, z))
-
-
-def _has_list(table: Section, key: str, expected: str) -> bool:
-    """Return whether there is a list of the right length at `key`; another value is reported."""
-    value = table.values.get(key)
-    if value is None:
-        return False
-    good = isinstance(value, list) and len(value) == int(expected[0])
-    if not good:
-        got = f"a list of {len(value)}" if isinstance(value, list) else table.show(key)
-        table.refuse("robot.wrong-type", key, f"expected a list of {expected}, got {got}")
-    return good
 
 
 def _read_quaternion(table: Section) -> ExactMatrix:
@@ -496,8 +485,8 @@ def write_modified_row(placement: Placement) -> dict[str, str] | None:
     The rotation is Rx(alpha) Rz(theta), the translation (a, -sin(alpha) d, cos(alpha) d).
     """
     r, t = placement.rotation, placement.translation
-    alpha = _build_angle(r[2][2], -r[1][2])
-    theta = _build_angle(r[0][0], -r[0][1])
+    alpha = Angle.of(r[2][2], -r[1][2])
+    theta = Angle.of(r[0][0], -r[0][1])
     d = alpha.cosine * t[2] - alpha.sine * t[1]
     if place_modified_dh(alpha, t[0], d, theta) != placement:
         return None
@@ -512,8 +501,8 @@ def write_standard_row(near: Placement, frame: Placement) -> dict[str, str] | No
         near: the joint's frame seen from the link before, Rz(theta) Tz(d).
         frame: the link's frame seen from the joint's, Tx(a) Rx(alpha).
     """
-    theta = _build_angle(near.rotation[0][0], near.rotation[1][0])
-    alpha = _build_angle(frame.rotation[1][1], frame.rotation[2][1])
+    theta = Angle.of(near.rotation[0][0], near.rotation[1][0])
+    alpha = Angle.of(frame.rotation[1][1], frame.rotation[2][1])
     d, a = near.translation[2], frame.translation[0]
     turned = compose_placements(translate(ZERO, ZERO, d), rotate_z(theta))
     far = compose_placements(translate(a, ZERO, ZERO), rotate_x(alpha))
@@ -536,7 +525,3 @@ def write_origin(placement: Placement) -> str:
             entries = compute_quaternion(placement.rotation)
             parts.append(f"quaternion = [{', '.join(write_exact(entry) for entry in entries)}]")
     return f"{{ {', '.join(parts)} }}" if parts else "{}"
-
-
-def _build_angle(cosine: Exact, sine: Exact) -> Angle:
-    return Angle(cosine=cosine, sine=sine, radians=math.atan2(sine.to_float(), cosine.to_float()))

@@ -167,6 +167,11 @@ class Angle:
     radians: float
     snapped_by: float = 0.0
 
+    @staticmethod
+    def of(cosine: Exact, sine: Exact) -> "Angle":
+        """Return the angle with this cosine and sine."""
+        return Angle(cosine=cosine, sine=sine, radians=math.atan2(sine.to_float(), cosine.to_float()))
+
 
 # cos(k * pi/12) for k = 0..6 over (1, sqrt 2, sqrt 3, sqrt 6).
 _COSINES = (
@@ -290,20 +295,15 @@ _SIGNS = ((1, 1, 1, 1), (1, -1, 1, -1), (1, 1, -1, -1), (1, -1, -1, 1))
 _GUARD_DIGITS = 30
 
 
-def _conjugate(value: Surd, signs: tuple[int, int, int, int]) -> Exact:
-    one, two, three, six = (sign * part for sign, part in zip(signs, value, strict=True))
-    return Exact.surd(one, two, three, six)
-
-
 def invert_exact(value: Exact) -> Exact:
     """Return 1 / value.
 
     Raises:
         ZeroDivisionError: the value is zero.
     """
-    others = ONE
+    others, surd = ONE, value.coefficient("")
     for signs in _SIGNS[1:]:
-        others = others * _conjugate(value.coefficient(""), signs)
+        others = others * Exact.surd(*(sign * part for sign, part in zip(signs, surd, strict=True)))
     norm = (value * others).coefficient("")[0]
     return others * Exact.surd(1 / norm)
 
@@ -435,17 +435,13 @@ def compute_rpy(rotation: ExactMatrix) -> tuple[Angle, Angle, Angle] | None:
         return None
     if cosine:
         scale = invert_exact(cosine)
-        roll = _build_angle(rotation[2][2] * scale, rotation[2][1] * scale)
-        yaw = _build_angle(rotation[0][0] * scale, rotation[1][0] * scale)
+        roll = Angle.of(rotation[2][2] * scale, rotation[2][1] * scale)
+        yaw = Angle.of(rotation[0][0] * scale, rotation[1][0] * scale)
     else:
         # Roll and yaw turn about one axis; the yaw does it all.
-        roll, yaw = _build_angle(ONE, ZERO), _build_angle(rotation[1][1], -rotation[0][1])
-    angles = (roll, _build_angle(cosine, sine), yaw)
+        roll, yaw = Angle.of(ONE, ZERO), Angle.of(rotation[1][1], -rotation[0][1])
+    angles = (roll, Angle.of(cosine, sine), yaw)
     return angles if rotate_rpy(*angles).rotation == rotation else None
-
-
-def _build_angle(cosine: Exact, sine: Exact) -> Angle:
-    return Angle(cosine=cosine, sine=sine, radians=math.atan2(sine.to_float(), cosine.to_float()))
 
 
 _Axis = tuple[Fraction, Fraction, Fraction]
@@ -504,8 +500,7 @@ def build_axis_frame(axis: _Axis, *, snap: float = 1e-5) -> SnappedPlacement:
 
 def _build_quotient_angle(cosine: Exact, sine: Exact, by: Exact) -> Angle:
     inverse = invert_exact(by)
-    c, s = cosine * inverse, sine * inverse
-    return Angle(cosine=c, sine=s, radians=math.atan2(s.to_float(), c.to_float()))
+    return Angle.of(cosine * inverse, sine * inverse)
 
 
 def _snap_to_coordinate_axis(x: Fraction, y: Fraction, z: Fraction, snap: float) -> SnappedPlacement | None:
@@ -519,12 +514,8 @@ def _snap_to_coordinate_axis(x: Fraction, y: Fraction, z: Fraction, snap: float)
     quarters = 1 if values[index] > 0 else -1
     angle = build_exact_angle((0 if quarters > 0 else math.pi) if index == 2 else quarters * math.pi / 2)
     # z goes to y by a quarter turn back about x.
-    turned = (rotate_y(angle), rotate_x(_negate_angle(angle)), rotate_x(angle))[index]
+    turned = (rotate_y(angle), rotate_x(Angle.of(angle.cosine, -angle.sine)), rotate_x(angle))[index]
     return SnappedPlacement(placement=turned, moved_by=moved)
-
-
-def _negate_angle(angle: Angle) -> Angle:
-    return Angle(cosine=angle.cosine, sine=-angle.sine, radians=-angle.radians)
 
 
 def _measure_axis_error(placement: Placement, axis: Sequence[float]) -> float:

@@ -19,7 +19,7 @@ import numpy as np
 
 from symid.arrays import FloatArray
 from symid.robot.description import Joint, Mimic
-from symid.robot.geometry import IDENTITY, Placement, compose_placements
+from symid.robot.geometry import IDENTITY, Placement, compose_placements, to_floats
 
 # A flat or thin link sits on the edge of what is possible; rounding of its decimals may cross it.
 _TOLERANCE = 1e-6
@@ -53,6 +53,38 @@ def move_parameters(
     return tuple(float(entry) + 0.0 for entry in entries)
 
 
+def move_by_placement(
+    parameters: Sequence[float],
+    placement: Placement,
+    symbols: Mapping[str, float] | None = None,
+    *,
+    inverse: bool = False,
+) -> tuple[float, ...]:
+    """Return the ten parameters, given in the frame `placement`, seen from where `placement` is seen from.
+
+    Args:
+        parameters: (10,).
+        placement: the frame.
+        symbols: values of symbolic lengths, m.
+        inverse: whether the other way round: from the outer frame to the frame `placement`.
+    """
+    rotation = np.array(to_floats(placement))
+    translation = np.array([entry.to_float(symbols) for entry in placement.translation])
+    if inverse:
+        return move_parameters(parameters, rotation.T, -rotation.T @ translation)
+    return move_parameters(parameters, rotation, translation)
+
+
+def split_body(parameters: Sequence[float]) -> tuple[float, list[float], tuple[float, ...]]:
+    """Return mass (kg), centre of mass (m) and xx xy xz yy yz zz about it (kg m^2) of ten parameters.
+
+    Without a mass the centre of mass is the frame's origin.
+    """
+    mass = float(parameters[9])
+    com = [float(value) / mass for value in parameters[6:9]] if mass else [0.0, 0.0, 0.0]
+    return mass, com, move_parameters(parameters, np.eye(3), -np.array(com))[:6]
+
+
 def compute_standard_parameters(
     mass: float, com: Sequence[float], inertia: Sequence[float]
 ) -> tuple[float, ...]:
@@ -74,10 +106,7 @@ def explain_impossible_inertia(parameters: Sequence[float]) -> str:
     sum of the others; equivalently the second moments are a positive semi-definite matrix
     (Wensing, Kim and Slotine 2018, IEEE Robotics and Automation Letters 3(1)).
     """
-    mass = parameters[9]
-    com = np.asarray(parameters[6:9], dtype=np.float64) / mass
-    about_com = move_parameters(parameters, np.eye(3), -com)
-    moments = np.linalg.eigvalsh(_to_tensor(about_com[:6]))
+    moments = np.linalg.eigvalsh(_to_tensor(split_body(parameters)[2]))
     allowed = _TOLERANCE * max(float(np.abs(parameters[:6]).max()), 1e-300)
     low, middle, high = (float(moment) for moment in moments)
     listed = f"{low:.6g}, {middle:.6g} and {high:.6g} kg*m^2"
@@ -136,7 +165,10 @@ def lump_fixed_joints(
     still |= {index for index, joint in enumerate(joints) if joint.mimic and joint.mimic.master in still}
     moving = [index for index in range(len(joints)) if index not in still]
     positions = {old: new for new, old in enumerate(moving)}
-    carriers = _locate_carriers(joints, still)
+    # For every joint the moving joint (-1: the base) that its link belongs to, and where on it.
+    carriers: dict[int, tuple[int, Placement]] = {}
+    for index, joint in enumerate(joints):
+        carriers[index] = _locate_parent(joint, carriers) if index in still else (index, IDENTITY)
     loads: dict[int, list[int]] = {}
     for index in sorted(still):
         loads.setdefault(carriers[index][0], []).append(index)
@@ -162,14 +194,6 @@ def lump_fixed_joints(
     return Lumped(joints=tuple(found), indices=indices, frames=frames)
 
 
-def _locate_carriers(joints: Sequence[Joint], still: Collection[int]) -> dict[int, tuple[int, Placement]]:
-    """Return for every joint the moving joint (-1: the base) that its link belongs to, and where on it."""
-    carriers: dict[int, tuple[int, Placement]] = {}
-    for index, joint in enumerate(joints):
-        carriers[index] = _locate_parent(joint, carriers) if index in still else (index, IDENTITY)
-    return carriers
-
-
 def _locate_parent(joint: Joint, carriers: Mapping[int, tuple[int, Placement]]) -> tuple[int, Placement]:
     """Return the moving joint before `joint`, and the frame of `joint` seen from its link."""
     if joint.parent < 0:
@@ -193,8 +217,6 @@ def _add_loads(joint: Joint, loads: Sequence[tuple[Joint, Placement]], symbols: 
     for load, placement in heavy:
         if total is None or load.inertial is None:
             return replace(joint, inertial=None, form=None)
-        rotation = np.array([[entry.to_float() for entry in row] for row in placement.rotation])
-        translation = np.array([entry.to_float(symbols) for entry in placement.translation])
-        moved = move_parameters(load.inertial, rotation, translation)
+        moved = move_by_placement(load.inertial, placement, symbols)
         total = tuple(own + other for own, other in zip(total, moved, strict=True))
     return replace(joint, inertial=total, form=None)

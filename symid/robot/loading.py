@@ -16,7 +16,7 @@ import codecs
 import difflib
 import os
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
@@ -142,7 +142,11 @@ def override_robot(robot: Robot, settings: Sequence[tuple[str, str]], friction: 
         path = _split_key(key)
         _drop_stale_factor(values, path, value)
         _set_value(values, path, _parse_setting(value))
-        _set_place(places, path, Place(f"--set {key}={value}", 0, 0, value))
+        # The setting's place is that of its key, and of the tables around it that have none yet.
+        place = Place(f"--set {key}={value}", 0, 0, value)
+        for length in range(1, len(path)):
+            places.setdefault(path[:length], place)
+        places[path] = place
     if pairs:
         robot = _read_again(robot, values, places)
     for kind in kinds:
@@ -192,13 +196,6 @@ def _set_value(values: dict[str, Any], path: tuple[str, ...], value: object) -> 
             inner = table[name] = {}
         table = inner
     table[path[-1]] = value
-
-
-def _set_place(places: dict[KeyPath, Place], path: tuple[str, ...], place: Place) -> None:
-    """Give the setting's place to its key, and to the tables around it that have none yet."""
-    for length in range(1, len(path)):
-        places.setdefault(path[:length], place)
-    places[path] = place
 
 
 def _drop_stale_factor(values: dict[str, Any], path: tuple[str, ...], value: str) -> None:
@@ -262,51 +259,35 @@ def complete_robot(robot: Robot, added: Completion) -> Robot:
     Raises:
         UsageError: numbers for more or fewer joints than there are, or a gear that the source contradicts.
     """
-    texts = list(_list_completion_mistakes(robot, added))
-    if texts:
-        raise UsageError(*(Notice(code="usage.completion", text=text) for text in texts))
-    drives = {
-        joint.name: _complete_drive(joint.drive, added, index) for index, joint in enumerate(robot.axes)
-    }
+    count, names = robot.freedom, ", ".join(joint.name for joint in robot.axes)
+    mistakes: list[str] = []
+    columns: list[list[float | None]] = []
+    for option, values in (("--gear", added.gears), ("--torque-constant", added.constants)):
+        if len(values) not in (0, 1, count):
+            text = f"{option}: {len(values)} numbers for {count} joints ({names})"
+            mistakes.append(f"{text}; give one for each, with commas between, or one for all")
+        # One number stands for all joints; those without one keep what they have.
+        columns.append([*(values * count if len(values) == 1 else values), *((None,) * count)])
+    drives: dict[str, Drive] = {}
+    for joint, gear, constant in zip(robot.axes, *columns, strict=False):
+        drive = joint.drive
+        if gear is not None and drive.gear not in (1.0, gear):
+            text = f"--gear: joint {joint.name!r} has the gear {drive.gear:g} in its source, not {gear:g}"
+            mistakes.append(f"{text}; leave the option out, or correct the source")
+        elif gear not in (None, drive.gear) and drive.rotor_inertia is not None:
+            text = f"--gear: joint {joint.name!r} has a rotor inertia in its source, but no gear"
+            mistakes.append(f"{text}; state the gear in the source")
+        drives[joint.name] = replace(
+            drive,
+            gear=drive.gear if gear is None else gear,
+            torque_constant=drive.torque_constant if constant is None else constant,
+            has_rotor=drive.has_rotor or added.rotors,
+        )
+    if mistakes:
+        raise UsageError(*(Notice(code="usage.completion", text=text) for text in mistakes))
     joints = tuple(replace(joint, drive=drives.get(joint.name, joint.drive)) for joint in robot.joints)
     completed = replace(robot, joints=joints)
     return override_robot(completed, (), added.friction) if added.friction else completed
-
-
-def _list_completion_mistakes(robot: Robot, added: Completion) -> Iterator[str]:
-    names = ", ".join(joint.name for joint in robot.axes)
-    given: Mapping[str, tuple[float, ...]] = {"--gear": added.gears, "--torque-constant": added.constants}
-    for option, values in given.items():
-        if len(values) not in (0, 1, robot.freedom):
-            text = f"{option}: {len(values)} numbers for {robot.freedom} joints ({names})"
-            yield f"{text}; give one for each, with commas between, or one for all"
-    for index, joint in enumerate(robot.axes):
-        gear = _get_joint_value(added.gears, index)
-        if gear is not None and joint.drive.gear not in (1.0, gear):
-            text = (
-                f"--gear: joint {joint.name!r} has the gear {joint.drive.gear:g} in its source, not {gear:g}"
-            )
-            yield f"{text}; leave the option out, or correct the source"
-        elif gear not in (None, joint.drive.gear) and joint.drive.rotor_inertia is not None:
-            text = f"--gear: joint {joint.name!r} has a rotor inertia in its source, but no gear"
-            yield f"{text}; state the gear in the source"
-
-
-def _get_joint_value(values: tuple[float, ...], index: int) -> float | None:
-    """Return the value of a joint, None where there is none or too few."""
-    if len(values) == 1:
-        return values[0]
-    return values[index] if index < len(values) else None
-
-
-def _complete_drive(drive: Drive, added: Completion, index: int) -> Drive:
-    gear, constant = _get_joint_value(added.gears, index), _get_joint_value(added.constants, index)
-    return replace(
-        drive,
-        gear=drive.gear if gear is None else gear,
-        torque_constant=drive.torque_constant if constant is None else constant,
-        has_rotor=drive.has_rotor or added.rotors,
-    )
 
 
 DEFAULT_GRAVITY = ("0", "0", "-9.81")
@@ -350,18 +331,15 @@ def load_robot(
         robot = read_urdf(path, base=base, tip=tip, snap=DEFAULT_SNAP if snap is None else snap)
     else:
         _refuse_cut(path, base=base, tip=tip, snap=snap)
-        robot = _read_plain(path, convention, gravity)
+        if convention is not None:
+            from symid.robot.dh_table import read_dh_table
+
+            robot = read_dh_table(path, convention, gravity or DEFAULT_GRAVITY)
+        else:
+            from symid.robot.toml_reader import read_robot
+
+            robot = read_robot(path)
     return override_settings(robot, settings, friction)
-
-
-def _read_plain(path: Path, convention: str | None, gravity: tuple[str, str, str] | None) -> Robot:
-    if convention is not None:
-        from symid.robot.dh_table import read_dh_table
-
-        return read_dh_table(path, convention, gravity or DEFAULT_GRAVITY)
-    from symid.robot.toml_reader import read_robot
-
-    return read_robot(path)
 
 
 def _refuse_of_table(path: Path, *, table: bool, convention: str | None, gravity: object) -> None:

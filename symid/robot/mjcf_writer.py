@@ -1,6 +1,6 @@
 """A robot as an MJCF model, the format of MuJoCo.
 
-A robot, and standard parameters in place of the file's values where they are given -> the text. Each joint
+A robot -> the text. Each joint
 moves the body `<joint>_link`, whose frame is the link frame used here: the axis is z. Numbers have all
 digits of a double; angles are in rad. Inertia is about the centre of mass. Friction becomes `damping` and
 `frictionloss`, a rotor `armature` (on the joint's side), a spring `stiffness` and `springref`; a drive that
@@ -17,11 +17,9 @@ limits of velocity. There are no shapes. MuJoCo wants a mass of every link that 
 import math
 from collections.abc import Iterator, Sequence
 
-import numpy as np
-
-from symid.robot.description import Coupling, FrictionValues, Joint, JointKind, Robot
-from symid.robot.geometry import Placement, compute_quaternion
-from symid.robot.inertia import move_parameters
+from symid.robot.description import FrictionValues, Joint, JointKind, Robot
+from symid.robot.geometry import compute_quaternion
+from symid.robot.inertia import split_body
 from symid.robot.urdf_writer import (
     ViscousCoulomb,
     get_viscous_coulomb,
@@ -38,18 +36,13 @@ _TYPES = {JointKind.REVOLUTE: "hinge", JointKind.PRISMATIC: "slide"}
 _ORDER = (0, 3, 5, 1, 2, 4)
 
 
-def write_mjcf(
-    robot: Robot, parameters: Sequence[Sequence[float]] | None = None, *, comments: Sequence[str] = ()
-) -> str:
+def write_mjcf(robot: Robot, *, comments: Sequence[str] = ()) -> str:
     """Return the MJCF model of `robot`.
 
     Args:
         robot: the robot.
-        parameters: (n, 10) XX XY XZ YY YZ ZZ MX MY MZ M of each joint's link about its frame's origin, in
-            place of `Joint.inertial`.
         comments: texts for the head of the file.
     """
-    values = [joint.inertial for joint in robot.joints] if parameters is None else list(parameters)
     symbols = dict(robot.symbols)
     gravity = write_decimals([value.to_float(symbols) for value in robot.gravity])
     lengths = [f"{name} = {write_decimal(value)} m" for name, value in robot.symbols]
@@ -60,7 +53,7 @@ def write_mjcf(
         '  <compiler angle="radian" autolimits="true"/>',
         f'  <option gravity="{gravity}"/>',
         "  <worldbody>",
-        *_write_bodies(robot, values),
+        *_write_bodies(robot),
         "  </worldbody>",
         *_write_couplings(robot),
         *_write_followers(robot),
@@ -71,12 +64,8 @@ def write_mjcf(
     return "\n".join(lines)
 
 
-def list_mjcf_omissions(robot: Robot) -> tuple[str, ...]:
-    """Return what an MJCF model has no words for; the file has it in comments."""
-    return tuple(_list_omissions(robot))
-
-
-def _list_omissions(robot: Robot) -> Iterator[str]:
+def list_mjcf_omissions(robot: Robot) -> Iterator[str]:
+    """Yield what an MJCF model has no words for; the file has it in comments."""
     for joint in robot.joints:
         owner = f"joint {joint.name}"
         yield from _list_friction_omissions(owner, joint.friction)
@@ -94,7 +83,7 @@ def _list_friction_omissions(owner: str, friction: FrictionValues) -> Iterator[s
         yield f"{owner}: dry friction {write_decimal(plain.dry)}, which drives instead of braking"
 
 
-def _write_bodies(robot: Robot, values: Sequence[Sequence[float] | None]) -> Iterator[str]:
+def _write_bodies(robot: Robot) -> Iterator[str]:
     """Yield the bodies, each with all that hangs on it."""
     children: dict[int, list[int]] = {}
     for index, joint in enumerate(robot.joints):
@@ -108,7 +97,7 @@ def _write_bodies(robot: Robot, values: Sequence[Sequence[float] | None]) -> Ite
             continue
         joint = robot.joints[index]
         yield f"{space}<body {_write_place(robot, joint)}>"
-        yield from (f"{space}  {line}" for line in _write_contents(joint, values[index]))
+        yield from (f"{space}  {line}" for line in _write_contents(joint))
         waiting.append((-1, space))
         waiting += [(child, f"{space}  ") for child in reversed(children.get(index, []))]
 
@@ -116,21 +105,15 @@ def _write_bodies(robot: Robot, values: Sequence[Sequence[float] | None]) -> Ite
 def _write_place(robot: Robot, joint: Joint) -> str:
     symbols = dict(robot.symbols)
     position = write_decimals([value.to_float(symbols) for value in joint.placement.translation])
-    turned = write_decimals(_compute_unit_quaternion(joint.placement))
+    entries = [entry.to_float() for entry in compute_quaternion(joint.placement.rotation)]
+    length = math.hypot(*entries)
+    turned = write_decimals([entry / length for entry in entries])
     return f'name={write_quoted(f"{joint.name}_link")} pos="{position}" quat="{turned}"'
 
 
-def _compute_unit_quaternion(placement: Placement) -> tuple[float, ...]:
-    entries = [entry.to_float() for entry in compute_quaternion(placement.rotation)]
-    length = math.hypot(*entries)
-    return tuple(entry / length for entry in entries)
-
-
-def _write_contents(joint: Joint, inertial: Sequence[float] | None) -> Iterator[str]:
-    if inertial is not None and inertial[9]:
-        mass = float(inertial[9])
-        com = [float(value) / mass for value in inertial[6:9]]
-        central = move_parameters(inertial, np.eye(3), -np.array(com))
+def _write_contents(joint: Joint) -> Iterator[str]:
+    if joint.inertial is not None and joint.inertial[9]:
+        mass, com, central = split_body(joint.inertial)
         tensor = write_decimals([central[k] for k in _ORDER])
         yield (f'<inertial pos="{write_decimals(com)}" mass="{write_decimal(mass)}" fullinertia="{tensor}"/>')
     yield f"<joint {' '.join(_list_attributes(joint))}/>"
@@ -163,17 +146,13 @@ def _write_couplings(robot: Robot) -> Iterator[str]:
         return
     yield "  <tendon>"
     for coupling in robot.couplings:
-        yield f"    <fixed {' '.join(_list_coupling(coupling))}>"
+        attributes = _list_drive(coupling.rotor_inertia, get_viscous_coulomb(coupling.friction))
+        yield f"    <fixed {' '.join((f'name={write_quoted(coupling.name)}', *attributes))}>"
         for index, factor in coupling.terms:
             name = write_quoted(robot.joints[index].name)
             yield f'      <joint joint={name} coef="{write_decimal(float(factor))}"/>'
         yield "    </fixed>"
     yield "  </tendon>"
-
-
-def _list_coupling(coupling: Coupling) -> Iterator[str]:
-    yield f"name={write_quoted(coupling.name)}"
-    yield from _list_drive(coupling.rotor_inertia, get_viscous_coulomb(coupling.friction))
 
 
 def _write_followers(robot: Robot) -> Iterator[str]:

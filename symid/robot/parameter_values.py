@@ -20,14 +20,12 @@ and C++. A value that nobody knows is None, null in JSON, and 0 with a comment i
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-
-import numpy as np
+from dataclasses import asdict, dataclass
 
 from symid.notation import INERTIAL
-from symid.robot.description import FrictionValues, Joint, Robot
-from symid.robot.inertia import move_parameters
-from symid.robot.toml_friction import FRICTION_PARAMETERS, FRICTION_SHAPES
+from symid.robot.description import Coupling, Joint, Robot
+from symid.robot.inertia import split_body
+from symid.robot.toml_friction import FRICTION_PARAMETERS, name_shape, name_values
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,45 +84,25 @@ def build_json_values(
         "outcome": outcome,
         "sources": list(sources),
         "gravity": [value.to_float(symbols) for value in robot.gravity],
-        "vectors": {vector.name: _list_rows(vector) for vector in values.vectors if vector.rows},
+        "vectors": {
+            vector.name: [asdict(row) for row in vector.rows] for vector in values.vectors if vector.rows
+        },
         "links": [_describe_link(robot, joint) for joint in robot.joints],
         "drives": [
+            *(_describe_drive(joint, {"gear": joint.drive.gear}) for joint in robot.joints),
             *(
-                {
-                    "name": joint.name,
-                    "gear": joint.drive.gear,
-                    "rotor_inertia": joint.drive.rotor_inertia,
-                    "friction": _describe_friction(joint.friction),
-                }
-                for joint in robot.joints
-            ),
-            *(
-                {
-                    "name": coupling.name,
-                    "turns_with": {
-                        robot.joints[index].name: float(factor) for index, factor in coupling.terms
+                _describe_drive(
+                    coupling,
+                    {
+                        "turns_with": {
+                            robot.joints[index].name: float(factor) for index, factor in coupling.terms
+                        }
                     },
-                    "rotor_inertia": coupling.rotor_inertia,
-                    "friction": _describe_friction(coupling.friction),
-                }
+                )
                 for coupling in robot.couplings
             ),
         ],
     }
-
-
-def _list_rows(vector: ValueVector) -> list[dict[str, object]]:
-    return [
-        {
-            "name": row.name,
-            "value": row.value,
-            "unit": row.unit,
-            "expression": row.expression,
-            "identified": row.identified,
-            "std": row.std,
-        }
-        for row in vector.rows
-    ]
 
 
 def _describe_link(robot: Robot, joint: Joint) -> dict[str, object]:
@@ -135,9 +113,7 @@ def _describe_link(robot: Robot, joint: Joint) -> dict[str, object]:
     }
     if joint.inertial is None:
         return {**found, "mass": None, "com": None, "inertia": None, "standard": None}
-    mass = joint.inertial[9]
-    com = [entry / mass for entry in joint.inertial[6:9]] if mass else [0.0, 0.0, 0.0]
-    central = move_parameters(joint.inertial, np.eye(3), -np.array(com))[:6]
+    mass, com, central = split_body(joint.inertial)
     return {
         **found,
         "mass": mass,
@@ -147,14 +123,18 @@ def _describe_link(robot: Robot, joint: Joint) -> dict[str, object]:
     }
 
 
-def _describe_friction(friction: FrictionValues) -> dict[str, object]:
-    names = FRICTION_PARAMETERS[friction.kind]
-    shapes = [key.name for key in FRICTION_SHAPES.get(friction.kind, ())]
+def _describe_drive(owner: Joint | Coupling, moves: dict[str, object]) -> dict[str, object]:
+    friction = owner.friction
     return {
-        "model": friction.kind.value,
-        "values": dict(zip(names, friction.values or (None,) * len(names), strict=True)),
-        "shape": dict(zip(shapes, friction.shape, strict=True)),
-        "smoothing": friction.smoothing,
+        "name": owner.name,
+        **moves,
+        "rotor_inertia": (owner.drive if isinstance(owner, Joint) else owner).rotor_inertia,
+        "friction": {
+            "model": friction.kind.value,
+            "values": dict.fromkeys(FRICTION_PARAMETERS[friction.kind]) | name_values(friction),
+            "shape": name_shape(friction),
+            "smoothing": friction.smoothing,
+        },
     }
 
 

@@ -22,7 +22,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from symid.errors import EstimateError, Notice, UsageError
+from symid.errors import EstimateError, Notice, RobotError, UsageError
+from symid.robot.toml_values import read_text_file
 
 N = TypeVar("N")
 
@@ -87,7 +88,10 @@ def read_value_table(path: Path, columns: TableColumns, read_name: Callable[[str
         EstimateError: with a notice for each mistake in the file.
     """
     file = str(path)
-    lines = _split_lines(file, _read_text(path))
+    try:
+        lines = _split_lines(file, read_text_file(path, noun="table"))
+    except RobotError as error:
+        raise EstimateError(*(replace(entry, code="table.unreadable") for entry in error.notices)) from error
     if not lines:
         text = "empty; the first line names the columns, as in: parameter,value,std"
         raise EstimateError(Notice(code="table.header", text=text, file=file, line=1))
@@ -123,17 +127,6 @@ def read_value_table(path: Path, columns: TableColumns, read_name: Callable[[str
 def _build_no_rows_notice(file: str, line: int) -> Notice:
     text = "no line has a value; write one line a parameter below the line of column names"
     return Notice(code="table.no-rows", text=text, file=file, line=line)
-
-
-def _read_text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        text = f"cannot be read: {error.strerror or 'it cannot be read'}"
-        raise EstimateError(Notice(code="table.unreadable", text=text, file=str(path))) from error
-    except UnicodeDecodeError as error:
-        text = f"not UTF-8 text (byte {error.start}); save the table as UTF-8"
-        raise EstimateError(Notice(code="table.unreadable", text=text, file=str(path))) from error
 
 
 def _split_lines(file: str, text: str) -> list[_Cells]:

@@ -36,6 +36,16 @@ from symid.robot.toml_values import (
 UNKNOWN = "unknown"
 """What stands in place of a number that is to be identified."""
 
+_UNITS = {
+    "stiffness": ("N*m/rad", "N/m"),
+    "rest": ("rad", "m"),
+    "damping": ("N*m*s/rad", "N*s/m"),
+    "cubic": ("N*m/rad^3", "N/m^3"),
+    "threshold": ("rad", "m"),
+    "torque": ("N*m", "N"),
+}
+"""Units of what springs have, at a joint that turns and at one that slides."""
+
 
 def read_drive(section: Section) -> Drive:
     """Return the `drive` table of a joint."""
@@ -43,7 +53,7 @@ def read_drive(section: Section) -> Drive:
     if drive is None:
         return Drive()
     # The joint's own label is enough: the keys of a drive stand nowhere else.
-    drive = Section(values=drive.values, path=drive.path, report=drive.report, label=section.label)
+    drive = drive.inside(drive.values, section.label)
     gear = read_number(drive, "gear", "")
     if gear == 0:
         text = "must not be 0; it is the number of motor turns per turn of the joint"
@@ -84,22 +94,15 @@ def read_spring(section: Section, *, prismatic: bool) -> Spring | None:
         return None
     for key, example in (("stiffness", "120"), ("rest", "0")):
         if key not in table.values:
-            unit = get_spring_unit(key, prismatic=prismatic)
+            unit = _UNITS[key][prismatic]
             text = f'missing; write {key} = {example} ({unit}) or {key} = "{UNKNOWN}"'
             table.refuse_key("robot.missing-key", key, text)
-    stiffness = read_known(table, "stiffness", get_spring_unit("stiffness", prismatic=prismatic), ANY)
-    rest = read_known(table, "rest", get_spring_unit("rest", prismatic=prismatic), ANY)
+    stiffness = read_known(table, "stiffness", _UNITS["stiffness"][prismatic], ANY)
+    rest = read_known(table, "rest", _UNITS["rest"][prismatic], ANY)
     if stiffness is not None and stiffness < 0:
         text = f"{stiffness:g} pushes the joint away from rest; a spring's stiffness is positive"
         table.warn("robot.negative-stiffness", "stiffness", text)
     return Spring(stiffness=stiffness, rest=rest)
-
-
-def get_spring_unit(key: str, *, prismatic: bool) -> str:
-    """Return the unit of a spring's stiffness or rest position as robot files write it."""
-    if key == "rest":
-        return "m" if prismatic else "rad"
-    return "N/m" if prismatic else "N*m/rad"
 
 
 def read_known(table: Section, key: str, unit: str, allowed: Range) -> float | None:
@@ -127,7 +130,7 @@ def read_table_array(root: Section, key: str, noun: str) -> list[Section]:
             continue
         name = table.get("name")
         label = f"{noun} '{name}'" if isinstance(name, str) else f"{noun} {index + 1}"
-        sections.append(Section(values=table, path=(key, index), report=root.report, label=label))
+        sections.append(root.inside(table, label, key, index))
     return sections
 
 
@@ -205,19 +208,6 @@ def _read_terms(
 
 _ELASTICITY_KEYS = ("stiffness", "damping", "cubic", "stops", "knees", "symmetric", "catalogue")
 _CATALOGUE = ("K1", "K2", "K3", "T1", "T2")
-_ELASTICITY_UNITS = {
-    "damping": ("N*m*s/rad", "N*s/m"),
-    "cubic": ("N*m/rad^3", "N/m^3"),
-    "threshold": ("rad", "m"),
-    "torque": ("N*m", "N"),
-}
-
-
-def get_elasticity_unit(key: str, *, prismatic: bool) -> str:
-    """Return the unit of an entry as robot files write it; "torque" stands for the threshold of a knee."""
-    if key == "stiffness":
-        return get_spring_unit(key, prismatic=prismatic)
-    return _ELASTICITY_UNITS[key][prismatic]
 
 
 def read_elasticity(section: Section, *, prismatic: bool) -> Elasticity | None:
@@ -228,13 +218,17 @@ def read_elasticity(section: Section, *, prismatic: bool) -> Elasticity | None:
     text = "functions of q speak of the link; friction and rotor are those of the motor, which moves apart"
     section.warn("robot.elastic-joint", "elasticity", text)
     before = len(table.report.errors)
-    damping = read_number(table, "damping", _ELASTICITY_UNITS["damping"][prismatic], NOT_NEGATIVE)
-    cubic = read_number(table, "cubic", _ELASTICITY_UNITS["cubic"][prismatic], NOT_NEGATIVE)
+    damping = read_number(table, "damping", _UNITS["damping"][prismatic], NOT_NEGATIVE)
+    cubic = read_number(table, "cubic", _UNITS["cubic"][prismatic], NOT_NEGATIVE)
     stops = _read_stops(table, prismatic=prismatic)
     if "catalogue" in table.values:
         stiffness, knees = _read_catalogue(table, prismatic=prismatic)
     else:
-        stiffness = _read_stiffness(table, prismatic=prismatic)
+        unit = _UNITS["stiffness"][prismatic]
+        if "stiffness" not in table.values:
+            text = f'missing; write stiffness = 1e4 ({unit}) or stiffness = "{UNKNOWN}"'
+            table.refuse_key("robot.missing-key", "stiffness", text)
+        stiffness = read_known(table, "stiffness", unit, POSITIVE)
         knees = _read_knees(table, prismatic=prismatic)
     if cubic and "knees" in table.values:
         text = "cannot stand beside knees: both make the joint harder; describe it by one of them"
@@ -255,14 +249,6 @@ def read_elasticity(section: Section, *, prismatic: bool) -> Elasticity | None:
         return None
 
 
-def _read_stiffness(table: Section, *, prismatic: bool) -> float | None:
-    unit = get_spring_unit("stiffness", prismatic=prismatic)
-    if "stiffness" not in table.values:
-        text = f'missing; write stiffness = 1e4 ({unit}) or stiffness = "{UNKNOWN}"'
-        table.refuse_key("robot.missing-key", "stiffness", text)
-    return read_known(table, "stiffness", unit, POSITIVE)
-
-
 def _read_catalogue(table: Section, *, prismatic: bool) -> tuple[float | None, tuple[Knee, ...]]:
     """Return the stiffness K1 and the knees that a maker's table stands for."""
     for key in ("stiffness", "knees", "symmetric", "cubic"):
@@ -274,13 +260,7 @@ def _read_catalogue(table: Section, *, prismatic: bool) -> tuple[float | None, t
         return None, ()
     values = {}
     for key in _CATALOGUE:
-        unit = (
-            get_spring_unit("stiffness", prismatic=prismatic)
-            if key[0] == "K"
-            else "N"
-            if prismatic
-            else "N*m"
-        )
+        unit = _UNITS["stiffness" if key[0] == "K" else "torque"][prismatic]
         number = read_number(inner, key, unit, POSITIVE)
         if key not in inner.values:
             text = (
@@ -309,12 +289,7 @@ def _list_entries(table: Section, key: str, example: str) -> list[Section]:
         table.refuse("robot.wrong-type", key, text)
         return []
     return [
-        Section(
-            values=entry,
-            path=(*table.path, key, index),
-            report=table.report,
-            label=f"{table.label}: {key} {index + 1}",
-        )
+        table.inside(entry, f"{table.label}: {key} {index + 1}", key, index)
         for index, entry in enumerate(entries)
     ]
 
@@ -329,11 +304,11 @@ def _read_required(entry: Section, key: str, unit: str, allowed: Range) -> float
 
 
 def _read_stops(table: Section, *, prismatic: bool) -> tuple[Stop, ...]:
-    unit = get_spring_unit("stiffness", prismatic=prismatic)
+    unit = _UNITS["stiffness"][prismatic]
     stops: list[Stop] = []
     for entry in _list_entries(table, "stops", "threshold = 0.002, stiffness = 120"):
         refuse_unknown_keys(entry, ("threshold", "stiffness"))
-        threshold = _read_required(entry, "threshold", _ELASTICITY_UNITS["threshold"][prismatic], POSITIVE)
+        threshold = _read_required(entry, "threshold", _UNITS["threshold"][prismatic], POSITIVE)
         stiffness: float | None = None
         if entry.values.get("stiffness") != UNKNOWN:
             stiffness = _read_required(entry, "stiffness", unit, NOT_NEGATIVE)
@@ -351,7 +326,7 @@ def _read_knees(table: Section, *, prismatic: bool) -> tuple[Knee, ...]:
     for entry in _list_entries(table, "knees", "threshold = 3.0, slope = 0.5"):
         refuse_unknown_keys(entry, ("threshold", "slope"))
         allowed = POSITIVE if symmetric else ANY
-        threshold = _read_required(entry, "threshold", _ELASTICITY_UNITS["torque"][prismatic], allowed)
+        threshold = _read_required(entry, "threshold", _UNITS["torque"][prismatic], allowed)
         slope = _read_required(entry, "slope", "", ANY)
         if threshold == 0:
             text = "must not be 0: the outer function has slope 1 there; change stiffness instead"

@@ -8,9 +8,11 @@ drives the joint at a speed that it may have gets a warning.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
+from symid.arrays import FloatArray
 from symid.robot.description import CurvedFriction, FrictionKind, FrictionValues
 from symid.robot.toml_values import POSITIVE, Range, Section, read_choice, read_number, read_table, to_decimal
 
@@ -63,6 +65,20 @@ FRICTION_SHAPES: dict[Kind, tuple[ShapeKey, ...]] = {
 }
 """The shape values of each curved model that has any, in their order."""
 
+
+def name_values(friction: FrictionValues) -> dict[str, float]:
+    """Return the values of a friction model by name; none where they are unknown."""
+    if not friction.values:
+        return {}
+    return dict(zip(FRICTION_PARAMETERS[friction.kind], friction.values, strict=True))
+
+
+def name_shape(friction: FrictionValues) -> dict[str, float]:
+    """Return the shape values of a friction model by name; none where they are unknown."""
+    keys = FRICTION_SHAPES.get(friction.kind, ())
+    return {key.name: value for key, value in zip(keys, friction.shape, strict=False)}
+
+
 _WITHOUT_STEP: dict[Kind, str] = {
     FrictionKind.NONE: "dry friction",
     CurvedFriction.IMPROVED_STRIBECK: "step at standstill",
@@ -103,23 +119,23 @@ def read_friction(section: Section, *, prismatic: bool) -> FrictionValues:
         smoothing=float(smoothing or 0),
         shape=_read_shape(table, kind, shapes, prismatic=prismatic),
     )
-    _warn_of_driving_friction(table, found, _read_velocity_limit(section), prismatic=prismatic)
-    return found
-
-
-def _read_velocity_limit(section: Section) -> float:
-    """Return the velocity limit that stands beside the friction, infinite where there is none."""
     limits = section.values.get("limits")
     limit = to_decimal(limits.get("velocity")) if isinstance(limits, dict) else None
-    return float(limit) if limit is not None and limit > 0 else math.inf
+    fastest = float(limit) if limit is not None and limit > 0 else math.inf
+    _warn_of_driving_friction(table, found, fastest, prismatic=prismatic)
+    return found
 
 
 def _warn_of_driving_friction(
     table: Section, friction: FrictionValues, fastest: float, *, prismatic: bool
 ) -> None:
     """Remark on a curve that drives the joint although no coefficient on its own does."""
-    named = _name_values(friction)
-    if not named or any(value < 0.0 for name, value in named.items() if name not in _SIGNED):
+    named, shape = name_values(friction), name_shape(friction)
+    known = named and len(shape) == len(FRICTION_SHAPES.get(friction.kind, ()))
+    if not known or not isinstance(friction.kind, CurvedFriction):
+        return
+    named |= shape
+    if any(value < 0.0 for name, value in named.items() if name not in _SIGNED):
         return
     speed = _locate_driving_speed(friction, named, fastest)
     if speed is None:
@@ -134,57 +150,30 @@ def _warn_of_driving_friction(
     table.warn("robot.negative-friction", key, text)
 
 
-def _name_values(friction: FrictionValues) -> dict[str, float]:
-    """Return values and shape values of a curve by name; none where some are unknown."""
-    keys = FRICTION_SHAPES.get(friction.kind, ())
-    if not isinstance(friction.kind, CurvedFriction) or len(friction.shape) != len(keys):
-        return {}
-    if friction.values is None or None in friction.values:
-        return {}
-    names = (*FRICTION_PARAMETERS[friction.kind], *(key.name for key in keys))
-    return dict(zip(names, (*friction.values, *friction.shape), strict=True))
-
-
 def _locate_driving_speed(friction: FrictionValues, named: dict[str, float], fastest: float) -> float | None:
     """Return the least speed from which friction pushes, constant torques apart; None if it never does.
 
     Where what it brakes with one way and the other, the least up to a speed, are together negative.
     """
-    brakes = [_build_brake(friction, named, side) for side in ("p", "n")]
-    least = [math.inf, math.inf]
-    top = max(min(fastest, _FASTEST), _SLOWEST)
-    for k in range(_SPEED_COUNT + 1):
-        speed = _SLOWEST * math.pow(top / _SLOWEST, k / _SPEED_COUNT)
-        least = [min(low, brake(speed)) for low, brake in zip(least, brakes, strict=True)]
-        if sum(least) < 0.0:
-            return speed
-    return None
+    speeds = np.geomspace(_SLOWEST, max(min(fastest, _FASTEST), _SLOWEST), _SPEED_COUNT + 1)
+    least = sum(np.minimum.accumulate(_compute_brake(friction, named, side, speeds)) for side in ("p", "n"))
+    pushing = np.flatnonzero(least < 0.0)
+    return float(speeds[pushing[0]]) if len(pushing) else None
 
 
-def _build_brake(friction: FrictionValues, named: dict[str, float], side: str) -> Callable[[float], float]:
-    """Return what a curve brakes with at a speed in the direction "p" or "n", offset and bias apart."""
-
-    def find(name: str) -> float:
-        return named.get(name, named.get(f"{name}{side}", 0.0))
-
+def _compute_brake(friction: FrictionValues, named: dict[str, float], side: str, v: FloatArray) -> FloatArray:
+    """Return what a curve brakes with at speeds v (N,) in the direction "p" or "n", offset and bias apart."""
+    names = ("Fv", "Fc", "Fe", "Fd", "Fvq", "Fvc", "Fm")
+    fv, fc, fe, fd, fvq, fvc, fm = (named.get(key, named.get(f"{key}{side}", 0.0)) for key in names)
     if friction.kind is CurvedFriction.MAKKAR:
-
-        def find_makkar(v: float) -> float:
-            bump = math.tanh(named["g2"] * v) - math.tanh(named["g3"] * v)
-            return find("Fm") * bump + find("Fc") * math.tanh(named["g5"] * v) + find("Fv") * v
-
-        return find_makkar
+        bump = np.tanh(named["g2"] * v) - np.tanh(named["g3"] * v)
+        return fm * bump + fc * np.tanh(named["g5"] * v) + fv * v
     vs, edge, width = named.get("vs", 1.0), named.get("dq0", 0.0), friction.smoothing
-    gamma, delta = named.get("gamma", 2.0), named.get("delta", 1.0)
-
-    def find_brake(v: float) -> float:
-        sign = math.tanh(v / width) if width else min(1.0, v / edge) if edge else 1.0
-        # Beyond ten decades nothing is left of the fall.
-        fall = math.exp(-math.pow(min(max(v, edge) / vs, 1e10), gamma))
-        dry = find("Fc") + find("Fe") * fall + find("Fd") * math.pow(v, delta)
-        return dry * sign + find("Fv") * v + find("Fvq") * v * v + find("Fvc") * v**3
-
-    return find_brake
+    sign = np.tanh(v / width) if width else np.minimum(1.0, v / edge) if edge else 1.0
+    # Beyond ten decades nothing is left of the fall.
+    fall = np.exp(-(np.minimum(np.maximum(v, edge) / vs, 1e10) ** named.get("gamma", 2.0)))
+    dry = fc + fe * fall + fd * v ** named.get("delta", 1.0)
+    return dry * sign + fv * v + fvq * v * v + fvc * v**3
 
 
 def _read_values(table: Section, kind: Kind, *, prismatic: bool) -> tuple[float, ...] | None:

@@ -17,8 +17,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
-import numpy as np
-
 from symid.notation import INERTIAL
 from symid.robot.description import Coupling, Joint, JointKind, Limits, Mimic, SymbolicInertia
 from symid.robot.exact_values import (
@@ -48,7 +46,7 @@ from symid.robot.inertia import (
     compute_standard_parameters,
     explain_impossible_inertia,
     lump_fixed_joints,
-    move_parameters,
+    move_by_placement,
 )
 from symid.robot.toml_drives import read_couplings, read_drive, read_elasticity, read_spring, read_table_array
 from symid.robot.toml_friction import read_friction
@@ -59,6 +57,7 @@ from symid.robot.toml_values import (
     POSITIVE,
     Section,
     explain_wide_limits,
+    has_list,
     read_choice,
     read_number,
     read_numbers,
@@ -72,53 +71,41 @@ _TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")
 _STANDARD_UNITS = ("kg*m^2",) * 6 + ("kg*m",) * 3 + ("kg",)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LinkInertia:
-    """What a `link` table says: the ten parameters about the link frame of this house, and their form."""
-
-    parameters: tuple[float, ...] | None = None
-    form: SymbolicInertia | None = None
-
-
-def read_inertial(section: Section, frame: Placement, symbols: Symbols) -> LinkInertia:
-    """Return what a joint's `link` table says; neither parameters nor form where it states none.
-
-    Args:
-        section: the joint's table.
-        frame: the frame that the file's values refer to, seen from the link's frame.
-        symbols: those of the file.
-    """
-    return read_body(section, "link", frame, symbols)
-
-
 def read_body(
     section: Section, name: str, frame: Placement, symbols: Symbols, others: tuple[str, ...] = ()
-) -> LinkInertia:
-    """Return what the table `name` says of a body, which may have keys besides; see `read_inertial`."""
+) -> tuple[tuple[float, ...] | None, SymbolicInertia | None]:
+    """Return the ten parameters of a body and their form in symbols; None where the file states none.
+
+    Args:
+        section: the table around that of the body, as of a joint.
+        name: of the body's table, as "link".
+        frame: the frame that the file's values refer to, seen from the link's frame.
+        symbols: those of the file.
+        others: keys that the table may have besides.
+    """
     link = read_table(section, name, ("mass", "com", "inertia", "standard", *others))
     if link is None:
-        return LinkInertia()
+        return None, None
     errors = len(section.report.errors)
     key = "standard" if "standard" in link.values else "inertia"
-    form = None
+    form = _read_symbolic_inertia(link, symbols) if key == "inertia" else None
+    found = None
     if key == "standard":
         found = _read_standard(link)
-    else:
-        form = _read_symbolic_inertia(link, symbols)
-        found = _compute_parameters(form, symbols.values) if form else None
+    elif form is not None:
+        com, inertia = (
+            [entry.to_float(symbols.values) for entry in part] for part in (form.com, form.inertia)
+        )
+        found = compute_standard_parameters(form.mass.to_float(symbols.values), com, inertia)
     if found is None or len(section.report.errors) > errors:
-        return LinkInertia()
+        return None, None
     if not _check_possible(link, key, found):
-        return LinkInertia()
+        return None, None
     if form is not None and not any(form.inertia):
         text = "inertia is taken as zero: a point mass; write inertia = { xx = 0.01, yy = 0.01, zz = 0.01 }"
         section.warn("robot.point-mass", name, f"{text} (kg*m^2) if the link has one")
-    rotation = np.array([[entry.to_float() for entry in row] for row in frame.rotation])
-    translation = np.array([entry.to_float(symbols.values) for entry in frame.translation])
-    return LinkInertia(
-        parameters=move_parameters(found, rotation, translation),
-        form=form if form and _has_symbols(form) else None,
-    )
+    symbolic = form and any(entry.symbols for entry in (form.mass, *form.com, *form.inertia))
+    return move_by_placement(found, frame, symbols.values), form if symbolic else None
 
 
 def _check_possible(link: Section, key: str, parameters: tuple[float, ...]) -> bool:
@@ -139,24 +126,10 @@ def _check_possible(link: Section, key: str, parameters: tuple[float, ...]) -> b
     return True
 
 
-def _has_symbols(form: SymbolicInertia) -> bool:
-    return any(entry.symbols for entry in (form.mass, *form.com, *form.inertia))
-
-
-def _compute_parameters(form: SymbolicInertia, values: Mapping[str, float]) -> tuple[float, ...]:
-    com = [entry.to_float(values) for entry in form.com]
-    inertia = [entry.to_float(values) for entry in form.inertia]
-    return compute_standard_parameters(form.mass.to_float(values), com, inertia)
-
-
 def _read_symbolic_inertia(link: Section, symbols: Symbols) -> SymbolicInertia | None:
     mass = read_linear_form(link, "mass", symbols, "kg", allowed=POSITIVE)
     com: list[Exact] = [ZERO] * 3
-    listed = link.values.get("com")
-    if listed is not None and not (isinstance(listed, list) and len(listed) == 3):
-        found = f"a list of {len(listed)}" if isinstance(listed, list) else link.show("com")
-        link.refuse("robot.wrong-type", "com", f"expected a list of 3 numbers in m, got {found}")
-    elif listed is not None:
+    if has_list(link, "com", 3, "numbers in m"):
         com = [read_linear_form(link, "com", symbols, "m", index) or ZERO for index in range(3)]
     tensor = read_table(link, "inertia", _TENSOR)
     inertia = [ZERO] * 6
@@ -193,14 +166,6 @@ def _read_standard(link: Section) -> tuple[float, ...] | None:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PlacedMimic:
-    """What a joint follows, and the placement of its joint frame behind the offset of its motion."""
-
-    mimic: Mimic
-    offset: Placement
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class _MimicStep:
     """One step of a chain: the joint followed, and the motion; the offset as an angle or a length."""
 
@@ -212,8 +177,8 @@ class _MimicStep:
 
 def read_mimics(
     sections: Sequence[Section], names: Sequence[str], kinds: Sequence[JointKind | None], symbols: Symbols
-) -> dict[int, PlacedMimic]:
-    """Return the followers among the joints of a file by their index.
+) -> dict[int, tuple[Mimic, Placement]]:
+    """Return what the followers among the joints follow, by their index, and the offset of their motion.
 
     Args:
         sections: tables of the joints.
@@ -227,13 +192,17 @@ def read_mimics(
             link = _read_mimic_step(section, index, names, kinds, symbols)
             if link is not None:
                 links[index] = link
-    _refuse_rings(sections, names, links)
     followers = {}
     for index in links:
-        if not any(index in ring for ring in _list_rings(links)):
-            resolved = _resolve_chain(links, kinds, index, symbols.values)
-            if resolved is not None:
-                followers[index] = resolved
+        resolved = _resolve_chain(links, kinds, index, symbols.values)
+        if isinstance(resolved, list):
+            # A ring is said once, at its first joint; chains that end in one need no word of their own.
+            if index == min(resolved):
+                path = " follows ".join(names[each] for each in (*resolved, index))
+                text = f"{path}: nobody leads; one of them must move by itself"
+                sections[index].refuse("robot.mimic-ring", "mimic", text)
+        elif resolved is not None:
+            followers[index] = resolved
     return followers
 
 
@@ -269,42 +238,22 @@ def _read_mimic_step(
     return _MimicStep(master=master, multiplier=multiplier or Fraction(1), turn=turn, shift=shift)
 
 
-def _list_rings(links: Mapping[int, _MimicStep]) -> list[tuple[int, ...]]:
-    """Return each ring of followers once, from its first joint on."""
-    rings = []
-    for start in links:
-        path = [start]
-        while (joint := links[path[-1]].master) in links and joint not in path:
-            path.append(joint)
-        if joint == start and start == min(path):
-            rings.append(tuple(path))
-    return rings
-
-
-def _refuse_rings(sections: Sequence[Section], names: Sequence[str], links: Mapping[int, _MimicStep]) -> None:
-    for ring in _list_rings(links):
-        path = " follows ".join(names[index] for index in (*ring, ring[0]))
-        text = f"{path}: nobody leads; one of them must move by itself"
-        section = sections[ring[0]]
-        section.refuse("robot.mimic-ring", "mimic", text)
-
-
 def _resolve_chain(
     links: Mapping[int, _MimicStep],
     kinds: Sequence[JointKind | None],
     index: int,
     symbols: Mapping[str, float],
-) -> PlacedMimic | None:
-    """Return the follower of a chain's first joint; None where the chain ends in a ring."""
+) -> tuple[Mimic, Placement] | list[int] | None:
+    """Return the follower of a chain's end; the ring it is part of; None where the chain ends in a ring."""
     link = links[index]
     revolute = kinds[index] is JointKind.REVOLUTE
     master, multiplier = link.master, link.multiplier
     offset = Exact.of(link.turn.radians) if revolute else link.shift
-    seen = {index}
+    path = [index]
     while master in links:
-        if master in seen:
-            return None
-        seen.add(master)
+        if master in path:
+            return path if master == index else None
+        path.append(master)
         before = links[master]
         # q = m1 (m2 q' + o2) + o1; each offset is in the unit of its own joint.
         turns = kinds[master] is JointKind.REVOLUTE
@@ -313,11 +262,11 @@ def _resolve_chain(
         master = before.master
     if not revolute:
         placement = translate(ZERO, ZERO, offset)
-    elif len(seen) == 1:
+    elif len(path) == 1:
         placement = rotate_z(link.turn)
     else:
         placement = rotate_z(build_exact_angle(offset.to_float(symbols), snap=0.0))
-    return PlacedMimic(mimic=Mimic(master=master, multiplier=multiplier), offset=placement)
+    return Mimic(master=master, multiplier=multiplier), placement
 
 
 _JOINT_KEYS = (
@@ -344,16 +293,10 @@ _KINDS = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Mechanism:
-    """What moves: joints, and drives that turn with several of them."""
-
-    joints: tuple[Joint, ...]
-    couplings: tuple[Coupling, ...]
-
-
-def read_joints(root: Section, convention: str, symbols: Symbols) -> Mechanism:
-    """Return the joints and couplings of the file.
+def read_joints(
+    root: Section, convention: str, symbols: Symbols
+) -> tuple[tuple[Joint, ...], tuple[Coupling, ...]]:
+    """Return the joints of the file, and the drives that turn with several of them.
 
     Args:
         root: the whole file.
@@ -371,29 +314,29 @@ def read_joints(root: Section, convention: str, symbols: Symbols) -> Mechanism:
         near, frame = _read_frames(section, convention, symbols)
         if parent >= 0:
             near = compose_placements(joints[parent].frame, near)
-        if index in followers:
-            near = compose_placements(near, followers[index].offset)
+        mimic, offset = followers.get(index, (None, IDENTITY))
+        if mimic is not None:
+            near = compose_placements(near, offset)
         joint = _read_joint(section, kinds[index], frame, symbols)
-        mimic = followers[index].mimic if index in followers else None
         joints.append(replace(joint, name=names[index], parent=parent, placement=near, mimic=mimic))
     couplings = read_couplings(root, names, kinds)
     fixed = [index for index, kind in enumerate(kinds) if kind is None]
     if not fixed or root.report.errors:
-        return Mechanism(joints=tuple(joints), couplings=couplings)
+        return tuple(joints), couplings
     return _lump(sections, joints, couplings, fixed, symbols)
 
 
 def _read_joint(section: Section, kind: JointKind | None, frame: Placement, symbols: Symbols) -> Joint:
     """Return what a joint's table says of the joint itself and its link."""
-    body = read_inertial(section, frame, symbols)
+    parameters, form = read_body(section, "link", frame, symbols)
     joint = Joint(
         name="",
         kind=kind or JointKind.REVOLUTE,
         parent=-1,
         placement=IDENTITY,
         frame=frame,
-        inertial=body.parameters,
-        form=body.form,
+        inertial=parameters,
+        form=form,
     )
     if kind is None:
         for key in _MOVING_KEYS:
@@ -431,12 +374,12 @@ def _lump(
     couplings: Sequence[Coupling],
     fixed: Sequence[int],
     symbols: Symbols,
-) -> Mechanism:
+) -> tuple[tuple[Joint, ...], tuple[Coupling, ...]]:
     """Return the moving joints, with the links of the fixed ones joined to those that carry them."""
     if len(fixed) == len(joints):
         text = "every joint is fixed, and a robot moves; give one of them another kind"
         sections[0].refuse("robot.fixed-joint", "kind", text)
-        return Mechanism(joints=tuple(joints), couplings=tuple(couplings))
+        return tuple(joints), tuple(couplings)
     lumped = lump_fixed_joints(joints, fixed, symbols.values)
     for index, frame in zip(fixed, lumped.frames, strict=True):
         where = (
@@ -445,11 +388,10 @@ def _lump(
         mass = "" if frame.has_mass else ", which gets no heavier: the file gives no mass"
         sections[index].warn("robot.lumped", "kind", f"fixed; its link belongs to {where}{mass}")
     moved = {old: new for old, new in enumerate(lumped.indices) if new is not None}
-    couplings = [
+    return lumped.joints, tuple(
         replace(entry, terms=tuple((moved[index], factor) for index, factor in entry.terms))
         for entry in couplings
-    ]
-    return Mechanism(joints=lumped.joints, couplings=tuple(couplings))
+    )
 
 
 def _list_sections(root: Section) -> list[Section]:

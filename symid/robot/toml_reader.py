@@ -26,6 +26,7 @@ from symid.robot.toml_settings import read_controller, read_log, read_processing
 from symid.robot.toml_values import (
     InputReport,
     Section,
+    has_list,
     locate_values,
     read_choice,
     read_number,
@@ -72,14 +73,14 @@ def build_robot(root: Section, file: str) -> Robot:
     refuse_unknown_keys(root, _ROBOT_KEYS)
     convention = _read_convention(root)
     symbols = _read_symbols(root)
-    mechanism = read_joints(root, convention, symbols)
-    _refuse_parameters(root, symbols, mechanism.couplings)
+    joints, couplings = read_joints(root, convention, symbols)
+    _refuse_parameters(root, symbols, couplings)
     gravity = _read_gravity(root, symbols)
-    log = read_log(root, mechanism.joints)
+    log = read_log(root, joints)
     name = _read_name(root, Path(file).stem)
     texts = {key: read_text(root, key) or "" for key in ("description", "source")}
     processing = read_processing(root)
-    controller = read_controller(root, mechanism.joints)
+    controller = read_controller(root, joints)
     if root.report.errors:
         raise RobotError(*root.report.notices())
     _warn_of_unused_symbols(root, symbols)
@@ -90,8 +91,8 @@ def build_robot(root: Section, file: str) -> Robot:
         convention=convention,
         gravity=gravity,
         symbols=tuple(sorted(symbols.values.items())),
-        joints=mechanism.joints,
-        couplings=mechanism.couplings,
+        joints=joints,
+        couplings=couplings,
         log=log,
         processing=processing,
         controller=controller,
@@ -127,10 +128,7 @@ def _read_gravity(root: Section, symbols: Symbols) -> tuple[Exact, Exact, Exact]
         text = "missing; write gravity = [0, 0, -9.81], the vector in the base frame in m/s^2"
         root.refuse_key("robot.missing-key", "gravity", text)
         return (ZERO, ZERO, ZERO)
-    if not isinstance(value, list) or len(value) != 3:
-        found = f"a list of {len(value)}" if isinstance(value, list) else root.show("gravity")
-        text = f"expected a list of 3 numbers in m/s^2, got {found}"
-        root.refuse("robot.wrong-type", "gravity", text)
+    if not has_list(root, "gravity", 3, "numbers in m/s^2"):
         return (ZERO, ZERO, ZERO)
     x, y, z = (read_linear_form(root, "gravity", symbols, "m/s^2", index) or ZERO for index in range(3))
     return (x, y, z)
@@ -154,7 +152,7 @@ def _read_symbols(root: Section) -> Symbols:
 def _refuse_parameters(root: Section, symbols: Symbols, couplings: Sequence[Coupling]) -> None:
     """Refuse symbols that read as the parameters of coupled drives."""
     taken = {f"{letter}{coupling.name}": coupling.name for coupling in couplings for letter in _LETTERS}
-    section = Section(values=symbols.values, path=("symbols",), report=root.report, label="symbols")
+    section = root.inside(symbols.values, "symbols", "symbols")
     for name in symbols.values:
         if name in taken and not _RESERVED.fullmatch(name):
             text = f"cannot name a symbol: it reads as a parameter of the coupling {taken[name]}"
@@ -162,7 +160,7 @@ def _refuse_parameters(root: Section, symbols: Symbols, couplings: Sequence[Coup
 
 
 def _warn_of_unused_symbols(root: Section, symbols: Symbols) -> None:
-    section = Section(values=symbols.values, path=("symbols",), report=root.report, label="symbols")
+    section = root.inside(symbols.values, "symbols", "symbols")
     for name in symbols.values:
         if name not in symbols.units:
             section.warn("robot.unused-symbol", name, "nothing in the file uses this symbol")

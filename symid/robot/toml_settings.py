@@ -16,8 +16,8 @@ depend on the position.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from decimal import Decimal
-from fractions import Fraction
 from typing import Any
 
 from symid.notation import get_unit_factor, suggest_units
@@ -54,43 +54,20 @@ TransmissionMatrix = tuple[tuple[float, ...], ...]
 
 def compute_condition(rows: TransmissionMatrix) -> float | None:
     """Return |T| |T^-1| (row sums) of the matrix, rows and then columns scaled to one; None if singular."""
-    largest = [max(map(abs, row)) for row in rows]
-    if not all(largest):
-        return None
-    scaled = [[entry / size for entry in row] for row, size in zip(rows, largest, strict=True)]
-    sizes = [max(map(abs, column)) for column in zip(*scaled, strict=True)]
-    if not all(sizes):
-        return None
-    scaled = [[entry / size for entry, size in zip(row, sizes, strict=True)] for row in scaled]
-    inverse = _invert([[Fraction(entry) for entry in row] for row in scaled])
-    if inverse is None:
-        return None
-    return _compute_row_sum(scaled) * _compute_row_sum([[float(entry) for entry in row] for row in inverse])
+    import numpy as np
 
-
-def _compute_row_sum(rows: Sequence[Sequence[float]]) -> float:
-    return max(sum(map(abs, row)) for row in rows)
-
-
-def _invert(rows: list[list[Fraction]]) -> list[list[Fraction]] | None:
-    """Return the inverse by exact elimination, None if there is none."""
-    size = len(rows)
-    whole = [[*row, *(Fraction(int(i == k)) for k in range(size))] for i, row in enumerate(rows)]
-    for step in range(size):
-        pivot = next((row for row in range(step, size) if whole[row][step]), None)
-        if pivot is None:
+    matrix = np.array(rows, dtype=np.float64)
+    for axis in (1, 0):
+        largest = np.abs(matrix).max(axis=axis, keepdims=True)
+        if not largest.all():
             return None
-        whole[step], whole[pivot] = whole[pivot], whole[step]
-        whole[step] = [entry / whole[step][step] for entry in whole[step]]
-        for row in range(size):
-            factor = whole[row][step]
-            if row != step and factor:
-                whole[row] = [
-                    entry - factor * other for entry, other in zip(whole[row], whole[step], strict=True)
-                ]
-    return [row[size:] for row in whole]
+        matrix = matrix / largest
+    condition = float(np.linalg.cond(matrix, np.inf))
+    return condition if condition < _SINGULAR else None
 
 
+_SINGULAR = 1e15
+"""From this condition on, nothing but rounding keeps a matrix from being singular."""
 _LARGEST_CONDITION = 1e6
 
 
@@ -154,7 +131,7 @@ def _compare_gears(table: Section, rows: TransmissionMatrix, joints: Sequence[Jo
 
 _POSITIONS = ("position", "motor_position", "link_position", "reference")
 
-_NATURAL = {
+JOINT_DIMENSIONS = {
     "position": {JointKind.REVOLUTE: "angle", JointKind.PRISMATIC: "length"},
     "velocity": {JointKind.REVOLUTE: "angular velocity", JointKind.PRISMATIC: "velocity"},
     "torque": {JointKind.REVOLUTE: "torque", JointKind.PRISMATIC: "force"},
@@ -167,7 +144,9 @@ _READ_LIKE = {
     "reference_velocity": "velocity",
     "feedforward": "torque",
 }
-_NATURAL |= {name: _NATURAL[other] for name, other in _READ_LIKE.items()}
+JOINT_DIMENSIONS |= {name: JOINT_DIMENSIONS[other] for name, other in _READ_LIKE.items()}
+"""The dimension of each quantity of a log, by the kind of its joint."""
+
 # What a factor may turn into the quantity: encoder counts, sensor voltages, motor angles of a spindle.
 _CONVERTIBLE = {
     "position": ("angle", "length", "voltage", "number"),
@@ -175,7 +154,7 @@ _CONVERTIBLE = {
     "torque": ("torque", "force", "voltage", "current", "number"),
 }
 _CONVERTIBLE |= {name: _CONVERTIBLE[other] for name, other in _READ_LIKE.items()}
-_TURNED = {name: ("SI", *kinds.values()) for name, kinds in _NATURAL.items()}
+_TURNED = {name: ("SI", *kinds.values()) for name, kinds in JOINT_DIMENSIONS.items()}
 
 
 def read_quantity(
@@ -210,7 +189,7 @@ def read_quantity(
         unit=unit or natural,
         factor=factor or (1.0,),
         side=side,
-        offset=_read_offset(section, len(joints)) or (0.0,),
+        offset=read_offset(section, len(joints)) or (0.0,),
     )
 
 
@@ -224,7 +203,7 @@ def _get_natural_unit(name: str, joints: Sequence[Joint]) -> str:
         "torque": "N m",
         "force": "N",
     }
-    found = {units[_NATURAL[name][joint.kind]] for joint in joints}
+    found = {units[JOINT_DIMENSIONS[name][joint.kind]] for joint in joints}
     return found.pop() if len(found) == 1 else "SI"
 
 
@@ -267,16 +246,21 @@ def read_unit(section: Section, natural: str) -> str | None:
     return unit
 
 
-def _read_factor(section: Section, size: int) -> tuple[float, ...] | None:
-    value: Any = section.values.get("factor")
+def _list_for_joints(section: Section, key: str, size: int, noun: str) -> list[Any] | None:
+    """Return the entries at `key`, one for each joint or one for all; None without any, or with too many."""
+    value: Any = section.values.get(key)
     if value is None:
         return None
     listed = value if isinstance(value, list) else [value]
     if len(listed) not in (1, size):
-        text = f"{len(listed)} factors for {size} joints; give one for each joint, or one for all"
-        section.refuse("robot.column-count", "factor", text)
+        text = f"{len(listed)} {noun} for {size} joints; give one for each joint, or one for all"
+        section.refuse("robot.column-count", key, text)
         return None
-    numbers = [to_decimal(element) for element in listed]
+    return listed
+
+
+def _read_factor(section: Section, size: int) -> tuple[float, ...] | None:
+    numbers = [to_decimal(entry) for entry in _list_for_joints(section, "factor", size, "factors") or ()]
     if not all(numbers):
         found = section.show("factor")
         section.refuse("robot.wrong-type", "factor", f"expected numbers other than 0, got {found}")
@@ -284,20 +268,27 @@ def _read_factor(section: Section, size: int) -> tuple[float, ...] | None:
     return tuple(float(number) for number in numbers if number is not None)
 
 
-def _read_offset(section: Section, size: int) -> tuple[float, ...] | None:
-    value: Any = section.values.get("offset")
-    if value is None:
-        return None
-    if not isinstance(value, list):
-        one = read_constant(section, "offset", "rad or m")
-        return None if one is None else (one,)
-    if len(value) not in (1, size):
-        text = f"{len(value)} offsets for {size} joints; give one for each joint, or one for all"
-        section.refuse("robot.column-count", "offset", text)
-        return None
-    found = [read_constant(section, "offset", "rad or m", index) for index in range(len(value))]
+def read_offset(section: Section, size: int) -> tuple[float, ...] | None:
+    """Return the numbers (rad or m) at `offset`, one a joint or one for all; None where one is wrong."""
+    listed = _list_for_joints(section, "offset", size, "offsets") or ()
+    several = isinstance(section.values.get("offset"), list)
+    found = [
+        read_constant(section, "offset", "rad or m", *([index] if several else ()))
+        for index in range(len(listed))
+    ]
     good = tuple(number for number in found if number is not None)
     return good if len(good) == len(found) else None
+
+
+def compute_current_factor(joints: Sequence[Joint], *, coupled: bool) -> tuple[float, ...] | None:
+    """Return the torque for each ampere (n,), of the joints, or of the motors where a matrix couples them.
+
+    None where a torque constant is unknown.
+    """
+    factor = tuple(
+        (1.0 if coupled else joint.drive.gear) * (joint.drive.torque_constant or 0.0) for joint in joints
+    )
+    return factor if all(factor) else None
 
 
 def _check_unit(
@@ -311,7 +302,7 @@ def _check_unit(
 ) -> tuple[float, ...] | None:
     """Return the factor that goes with the unit, made of torque constants for a motor current."""
     dimension = get_unit_factor(unit)[0]
-    natural = {_NATURAL[name][joint.kind] for joint in joints}
+    natural = {JOINT_DIMENSIONS[name][joint.kind] for joint in joints}
     if dimension == "SI" or natural == {dimension} or not joints:
         return factor
     if dimension not in _CONVERTIBLE[name]:
@@ -320,11 +311,9 @@ def _check_unit(
         return factor
     if "factor" in section.values:
         return factor
-    constants = [joint.drive.torque_constant for joint in joints]
-    if dimension == "current" and all(constants):
-        return tuple(
-            (1.0 if coupled else joint.drive.gear) * (joint.drive.torque_constant or 0.0) for joint in joints
-        )
+    torques = compute_current_factor(joints, coupled=coupled) if dimension == "current" else None
+    if torques is not None:
+        return torques
     target = _get_natural_unit(name, joints)
     text = f"{section.show('unit')} needs a factor that turns it into {target}, such as factor = 1.5"
     if dimension == "current":
@@ -333,29 +322,8 @@ def _check_unit(
     return factor
 
 
-_PROCESSING_KEYS = (
-    "filter_order",
-    "filter_cutoff",
-    "filter_torque",
-    "drop_first",
-    "drop_last",
-    "standstill",
-    "noise_freedom",
-    "automatic",
-    "decimation",
-)
 _FREEDOMS = ("band", "parameters", "one")
-_QUANTITIES = (
-    "time",
-    "position",
-    "velocity",
-    "torque",
-    "motor_position",
-    "link_position",
-    "reference",
-    "reference_velocity",
-    "feedforward",
-)
+_QUANTITIES = tuple(entry.name for entry in fields(LogMap) if entry.name not in ("transmission", "preset"))
 _TRANSMISSION = "transmission"
 _PRESETS = ("symid", "ros", "ur-rtde", "franka")
 _NO_FILTER = "none"
@@ -366,7 +334,7 @@ _LARGEST_FACTOR = 1000
 
 def read_processing(root: Section) -> Processing:
     """Return the `[processing]` table, the defaults where it says nothing."""
-    table = read_table(root, "processing", _PROCESSING_KEYS)
+    table = read_table(root, "processing", [entry.name for entry in fields(Processing)])
     if table is None:
         return Processing(automatic=True)
     standard = Processing()
@@ -444,32 +412,28 @@ def _read_time(table: Section) -> LogQuantity | None:
 
 def list_processing(processing: Processing) -> dict[str, Any]:
     """Return the settings as a table that `read_processing` reads back."""
-    decimation = processing.decimation
-    return {
-        "filter_order": processing.filter_order,
-        "filter_cutoff": _NO_FILTER
-        if processing.filter_cutoff is None
-        else _exactly(processing.filter_cutoff),
-        "filter_torque": processing.filter_torque,
-        "drop_first": processing.drop_first,
-        "drop_last": processing.drop_last,
-        "standstill": _exactly(processing.standstill),
-        "noise_freedom": processing.noise_freedom,
-        "automatic": processing.automatic,
-        "decimation": {
-            "factor": decimation.factor,
-            "order": decimation.order,
-            "ripple_db": _exactly(decimation.ripple_db),
-            "band": _exactly(decimation.band),
-        },
-    }
+    table = _build_table(processing)
+    return table | {"filter_cutoff": table["filter_cutoff"] or _NO_FILTER}
+
+
+def _build_table(record: Processing | Decimation | Controller) -> dict[str, Any]:
+    return {entry.name: _exactly(getattr(record, entry.name)) for entry in fields(record)}
+
+
+def _exactly(value: Any) -> Any:  # noqa: ANN401  (what a setting may be)
+    """Return a setting as the reader has it: numbers as decimals, records as tables."""
+    if isinstance(value, float):
+        return Decimal(repr(value))
+    if isinstance(value, tuple):
+        return [_exactly(entry) for entry in value]
+    return _build_table(value) if isinstance(value, Decimation) else value
 
 
 def list_log(log: LogMap) -> dict[str, Any]:
     """Return the map as a table that `read_log` reads back."""
     table: dict[str, Any] = {} if log.preset is None else {"preset": log.preset}
     if log.transmission is not None:
-        table[_TRANSMISSION] = [[_exactly(entry) for entry in row] for row in log.transmission]
+        table[_TRANSMISSION] = _exactly(log.transmission)
     for name in _QUANTITIES:
         quantity: LogQuantity | None = getattr(log, name)
         if quantity is None:
@@ -480,11 +444,11 @@ def list_log(log: LogMap) -> dict[str, Any]:
         table[name] = {
             "columns": list(quantity.columns),
             "unit": quantity.unit,
-            "factor": [_exactly(number) for number in quantity.factor],
+            "factor": _exactly(quantity.factor),
             "side": quantity.side,
         }
         if any(quantity.offset):
-            table[name]["offset"] = [_exactly(number) for number in quantity.offset]
+            table[name]["offset"] = _exactly(quantity.offset)
     return table
 
 
@@ -493,31 +457,15 @@ def describe_settings(robot: Robot) -> dict[str, object]:
     return {"log": _simplify(list_log(robot.log)), "processing": _simplify(list_processing(robot.processing))}
 
 
-def _simplify(value: object) -> object:
+def _simplify(value: Any) -> Any:  # noqa: ANN401  (a setting as the reader has it)
     """Return `value` with the reader's decimal numbers as floats."""
-    match value:
-        case None | bool() | int() | float() | str():
-            return value
-        case Mapping():
-            return {str(key): _simplify(entry) for key, entry in value.items()}
-        case tuple() | list():
-            return [_simplify(entry) for entry in value]
-    return float(str(value))
+    if isinstance(value, Mapping):
+        return {key: _simplify(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [_simplify(entry) for entry in value]
+    return float(value) if isinstance(value, Decimal) else value
 
 
-def _exactly(number: float) -> Decimal:
-    return Decimal(repr(number))
-
-
-_CONTROLLER_KEYS = (
-    "stiffness",
-    "damping",
-    "velocity",
-    "velocity_source",
-    "velocity_filter",
-    "offset",
-    "torque",
-)
 _CONTROLLER_CHOICES = {
     "velocity": ("error", "measured"),
     "velocity_source": ("difference", "sensor"),
@@ -534,7 +482,7 @@ _CONTROLLER_UNITS = {
 def read_controller(root: Section, joints: Sequence[Joint]) -> Controller | None:
     """Return the `[controller]` table for a robot with these joints; None where there is none."""
     joints = [joint for joint in joints if joint.mimic is None]
-    table = read_table(root, "controller", _CONTROLLER_KEYS)
+    table = read_table(root, "controller", [entry.name for entry in fields(Controller)])
     if table is None:
         return None
     for key in ("stiffness", "damping"):
@@ -559,33 +507,18 @@ def read_controller(root: Section, joints: Sequence[Joint]) -> Controller | None
 
 def list_controller(controller: Controller) -> dict[str, Any]:
     """Return the controller as a table that `read_controller` reads back."""
-    cutoff, offset = controller.velocity_filter, controller.offset
-    return {
-        "stiffness": _list_exactly(controller.stiffness),
-        "damping": _list_exactly(controller.damping),
-        "velocity": controller.velocity,
-        "velocity_source": controller.velocity_source,
-        "velocity_filter": _NONE if cutoff is None else Decimal(repr(cutoff)),
-        "offset": _LOG if offset is None else _list_exactly(offset),
-        "torque": controller.torque,
+    table = _build_table(controller)
+    return table | {
+        "velocity_filter": table["velocity_filter"] or _NONE,
+        "offset": _LOG if controller.offset is None else table["offset"],
     }
-
-
-def _list_exactly(numbers: Sequence[float]) -> list[Decimal]:
-    return [Decimal(repr(number)) for number in numbers]
 
 
 def _read_each(table: Section, key: str, joints: Sequence[Joint], allowed: Range) -> tuple[float, ...]:
     """Return a number for each joint, zeros where they are wrong."""
-    value: Any = table.values.get(key)
-    nothing = (0.0,) * len(joints)
-    if value is None:
-        return nothing
-    listed = value if isinstance(value, list) else [value]
-    if len(listed) not in (1, len(joints)):
-        text = f"{len(listed)} numbers for {len(joints)} joints; give one for each joint, or one for all"
-        table.refuse("robot.column-count", key, text)
-        return nothing
+    listed = _list_for_joints(table, key, len(joints), "numbers")
+    if listed is None:
+        return (0.0,) * len(joints)
     units = [_CONTROLLER_UNITS[key][joint.kind] for joint in joints]
     if len(listed) < len(joints) and len(set(units)) > 1:
         text = "one number for joints that turn and joints that slide; give one for each joint"

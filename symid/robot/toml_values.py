@@ -26,8 +26,8 @@ from symid.errors import Notice, RobotError
 from symid.notation import get_unit_factor
 
 
-def read_text_file(path: Path) -> str:
-    """Return the text of the file at `path`.
+def read_text_file(path: Path, noun: str = "file") -> str:
+    """Return the text of the file at `path`, which messages call `noun`.
 
     Raises:
         RobotError: it cannot be read, or is not UTF-8.
@@ -38,7 +38,7 @@ def read_text_file(path: Path) -> str:
         text = f"cannot be read: {error.strerror or 'it cannot be read'}"
         raise RobotError(Notice(code="robot.unreadable", text=text, file=str(path))) from error
     except UnicodeDecodeError as error:
-        text = f"not UTF-8 text (byte {error.start}); save the file as UTF-8"
+        text = f"not UTF-8 text (byte {error.start}); save the {noun} as UTF-8"
         raise RobotError(Notice(code="robot.unreadable", text=text, file=str(path))) from error
 
 
@@ -62,6 +62,10 @@ class Place:
     line: int
     column: int
     text: str = ""
+
+    def notice(self, code: str, text: str) -> Notice:
+        """Return a notice on what stands here."""
+        return Notice(code=code, text=text, file=self.file, line=self.line, column=self.column)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -269,6 +273,10 @@ class Section:
         place = self.report.places.find_key((*self.path, key))
         self.report.errors.append(self._notice(code, place, key, text))
 
+    def inside(self, values: Mapping[str, Any], label: str, *path: str | int) -> "Section":
+        """Return a table that stands at `path` of this one."""
+        return Section(values=values, path=(*self.path, *path), report=self.report, label=label)
+
     def show(self, key: str, *inner: int) -> str:
         """Return the value as the file writes it, shortened."""
         place = self.report.places.values.get((*self.path, key, *inner))
@@ -276,8 +284,7 @@ class Section:
         return show(place.text if place else str(value))
 
     def _notice(self, code: str, place: Place, key: str, text: str) -> Notice:
-        words = f"{self.label}: {key}: {text}" if self.label else f"{key}: {text}"
-        return Notice(code=code, text=words, file=place.file, line=place.line, column=place.column)
+        return place.notice(code, f"{self.label}: {key}: {text}" if self.label else f"{key}: {text}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -446,17 +453,22 @@ def read_number(section: Section, key: str, unit: str, allowed: Range = ANY) -> 
     return number
 
 
+def has_list(section: Section, key: str, count: int, what: str) -> bool:
+    """Return whether there is a list of `count` entries at `key`; another value is reported."""
+    value = section.values.get(key)
+    if value is None or (isinstance(value, list) and len(value) == count):
+        return value is not None
+    got = f"a list of {len(value)}" if isinstance(value, list) else section.show(key)
+    section.refuse("robot.wrong-type", key, f"expected a list of {count} {what}, got {got}")
+    return False
+
+
 def read_numbers(section: Section, key: str, unit: str, count: int) -> tuple[Decimal, ...] | None:
     """Return the list of `count` numbers at `key`."""
-    value = section.values.get(key)
-    if value is None:
-        return None
-    if not isinstance(value, list) or len(value) != count:
-        found = f"a list of {len(value)}" if isinstance(value, list) else section.show(key)
-        section.refuse("robot.wrong-type", key, f"expected a list of {count} numbers in {unit}, got {found}")
+    if not has_list(section, key, count, f"numbers in {unit}"):
         return None
     numbers = []
-    for index, element in enumerate(value):
+    for index, element in enumerate(section.values[key]):
         number = to_decimal(element)
         if number is None:
             got = f"got {section.show(key, index)}{explain_number(element, unit)}"
@@ -475,7 +487,7 @@ def read_table(section: Section, key: str, allowed: Iterable[str] = ()) -> Secti
         section.refuse("robot.wrong-type", key, f"expected a table, got {section.show(key)}")
         return None
     label = f"{section.label}: {key}" if section.label else key
-    inner = Section(values=value, path=(*section.path, key), report=section.report, label=label)
+    inner = section.inside(value, label, key)
     names = tuple(allowed)
     if names:
         refuse_unknown_keys(inner, names)

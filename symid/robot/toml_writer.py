@@ -46,13 +46,13 @@ from symid.robot.exact_values import (
     write_standard_row,
     write_value,
 )
-from symid.robot.geometry import IDENTITY, Placement, compose_placements, invert_placement
-from symid.robot.inertia import explain_impossible_inertia, move_parameters
-from symid.robot.toml_friction import FRICTION_PARAMETERS, FRICTION_SHAPES
-from symid.robot.toml_settings import list_controller, list_log, list_processing
+from symid.robot.geometry import IDENTITY, Placement, compose_placements, invert_placement, to_floats
+from symid.robot.inertia import explain_impossible_inertia, move_by_placement, move_parameters, split_body
+from symid.robot.toml_friction import name_shape, name_values
+from symid.robot.toml_settings import compute_current_factor, list_controller, list_log, list_processing
 
 
-def write_elasticity(elasticity: Elasticity, *, prismatic: bool) -> Iterator[str]:
+def _write_elasticity(elasticity: Elasticity, *, prismatic: bool) -> Iterator[str]:
     """Yield the lines of the table."""
     length, torque = ("m", "N") if prismatic else ("rad", "N m")
     yield from ("", "[joint.elasticity]")
@@ -83,90 +83,75 @@ def _write_knees(knees: tuple[Knee, ...], torque: str) -> Iterator[str]:
 
 
 _COLUMN = 37
+_Hints = tuple[tuple[str, str], ...]
+_LINK_HINTS: _Hints = (
+    ("mass = 1.5", "kg"),
+    ("com = [0, 0, 0.1]", "m, in the link's frame"),
+    ("inertia = {{ xx = 0.01, yy = 0.01, zz = 0.01 }}", "kg m^2, about the centre of mass"),
+)
+_FRICTION_HINTS: _Hints = (
+    ('model = "viscous_coulomb_offset"', "with all of these values, or none: unknown"),
+    ("Fv = 1.0", "{torque} s/{unit}"),
+    ("Fc = 2.0", "{torque}"),
+    ("offset = 0.0", "{torque}"),
+)
+_ELASTICITY_HINTS: _Hints = (
+    ('stiffness = "unknown"', "{torque}/{unit}, of the gear between motor and link"),
+    ("damping = 0.0", "{torque} s/{unit}"),
+    ("stops = []", "{{ threshold = {unit}, stiffness = {torque}/{unit} }}: springs that slip"),
+    ("knees = []", "{{ threshold = {torque}, slope = 0.5 }}: where the joint gets harder"),
+)
 
 
-def _comment(text: str, meaning: str = "") -> str:
-    line = f"# {text}"
-    return f"{line:<{_COLUMN}}{'  ' if len(line) >= _COLUMN else ''}# {meaning}" if meaning else line
-
-
-def list_drive_hints(joint: Joint) -> list[str]:
-    """Return what the joint's drive does not say, to stand right behind what it says; nothing without one."""
-    return [] if joint.drive == Drive() else _list_drive_lines(joint.drive)
-
-
-def list_limit_hints(joint: Joint) -> list[str]:
-    """Return the limits that the joint does not state, to stand right behind those that it does."""
-    return [] if joint.limits == Limits() else _list_limit_lines(joint)
-
-
-def _list_drive_lines(drive: Drive) -> list[str]:
-    lines = []
+def _list_drive_hints(drive: Drive) -> _Hints:
+    """Return what the drive does not say, and what it would mean."""
+    hints: _Hints = ()
     if drive.gear == 1:
-        lines += [_comment("gear = 100", "motor turns per turn of the joint (motor rad per m of a slide)")]
+        hints += (("gear = 100", "motor turns per turn of the joint (motor rad per m of a slide)"),)
     if not drive.has_rotor and drive.rotor_inertia is None:
-        lines += [
-            _comment("rotor_inertia = 1e-5", 'kg m^2, or "unknown": it is identified'),
-            _comment('rotor_inertia_side = "motor"', 'or "joint"'),
-        ]
+        hints += (
+            ("rotor_inertia = 1e-5", 'kg m^2, or "unknown": it is identified'),
+            ('rotor_inertia_side = "motor"', 'or "joint"'),
+        )
     if drive.torque_constant is None:
-        lines += [_comment("torque_constant = 0.1", "N m/A, for logs of motor currents")]
-    return lines
+        hints += (("torque_constant = 0.1", "N m/A, for logs of motor currents"),)
+    return hints
 
 
-def _list_limit_lines(joint: Joint) -> list[str]:
-    prismatic = joint.kind is JointKind.PRISMATIC
-    unit, torque = ("m", "N") if prismatic else ("rad", "N m")
-    known = joint.limits
-    lines = [
-        (known.position, "position = [-1, 1]", unit),
-        (known.velocity, "velocity = 2", f"{unit}/s"),
-        (known.acceleration, "acceleration = 10", f"{unit}/s^2, kept by symid excite"),
-        (known.jerk, "jerk = 100", f"{unit}/s^3, likewise"),
-        (known.torque, "torque = 50", torque),
-    ]
-    return [_comment(text, meaning) for value, text, meaning in lines if value is None]
+def _list_limit_hints(limits: Limits) -> _Hints:
+    """Return the limits that are not stated, and their units."""
+    hints = (
+        (limits.position, "position = [-1, 1]", "{unit}"),
+        (limits.velocity, "velocity = 2", "{unit}/s"),
+        (limits.acceleration, "acceleration = 10", "{unit}/s^2, kept by symid excite"),
+        (limits.jerk, "jerk = 100", "{unit}/s^3, likewise"),
+        (limits.torque, "torque = 50", "{torque}"),
+    )
+    return tuple((text, meaning) for value, text, meaning in hints if value is None)
 
 
-def list_hints(joint: Joint) -> list[str]:
-    """Return the tables that `joint` does not have, each line a comment with its unit and an example."""
-    prismatic = joint.kind is JointKind.PRISMATIC
-    unit = "m" if prismatic else "rad"
-    torque = "N" if prismatic else "N m"
-    lines: list[str] = []
-    if joint.inertial is None:
-        lines += [
-            "",
-            _comment("[joint.link]"),
-            _comment("mass = 1.5", "kg"),
-            _comment("com = [0, 0, 0.1]", "m, in the link's frame"),
-            _comment("inertia = { xx = 0.01, yy = 0.01, zz = 0.01 }", "kg m^2, about the centre of mass"),
-        ]
-    if joint.drive == Drive():
-        lines += ["", _comment("[joint.drive]"), *_list_drive_lines(joint.drive)]
-    if joint.friction.kind is FrictionKind.NONE:
-        lines += [
-            "",
-            _comment("[joint.friction]"),
-            _comment('model = "viscous_coulomb_offset"', "with all of these values, or none: unknown"),
-            _comment("Fv = 1.0", f"{torque} s/{unit}"),
-            _comment("Fc = 2.0", torque),
-            _comment("offset = 0.0", torque),
-        ]
-    if joint.elasticity is None:
-        lines += [
-            "",
-            _comment("[joint.elasticity]"),
-            _comment('stiffness = "unknown"', f"{torque}/{unit}, of the gear between motor and link"),
-            _comment("damping = 0.0", f"{torque} s/{unit}"),
-            _comment(
-                "stops = []", f"{{ threshold = {unit}, stiffness = {torque}/{unit} }}: springs that slip"
-            ),
-            _comment("knees = []", f"{{ threshold = {torque}, slope = 0.5 }}: where the joint gets harder"),
-        ]
-    if joint.limits == Limits():
-        lines += ["", _comment("[joint.limits]"), *_list_limit_lines(joint)]
-    return lines
+def _write_hints(joint: Joint, hints: _Hints, table: str = "") -> Iterator[str]:
+    """Yield hints as comments; those of a whole table below its name."""
+    unit, torque = ("m", "N") if joint.kind is JointKind.PRISMATIC else ("rad", "N m")
+    if table:
+        yield from ("", f"# [joint.{table}]")
+    for text, meaning in hints:
+        line = f"# {text.format()}"
+        gap = "  " if len(line) >= _COLUMN else ""
+        yield f"{line:<{_COLUMN}}{gap}# {meaning.format(unit=unit, torque=torque)}"
+
+
+def _list_table_hints(joint: Joint) -> Iterator[str]:
+    """Yield the tables that `joint` does not have, each line a comment with its unit and an example."""
+    for table, lacks, hints in (
+        ("link", joint.inertial is None, _LINK_HINTS),
+        ("drive", joint.drive == Drive(), _list_drive_hints(joint.drive)),
+        ("friction", joint.friction.kind is FrictionKind.NONE, _FRICTION_HINTS),
+        ("elasticity", joint.elasticity is None, _ELASTICITY_HINTS),
+        ("limits", joint.limits == Limits(), _list_limit_hints(joint.limits)),
+    ):
+        if lacks:
+            yield from _write_hints(joint, hints, table)
 
 
 _MEANING = {
@@ -178,8 +163,8 @@ _MEANING = {
 }
 
 
-def write_settings(robot: Robot) -> Iterator[str]:
-    """Yield the lines of both tables; none of a table that says nothing."""
+def _write_settings(robot: Robot) -> Iterator[str]:
+    """Yield the lines of the tables of settings; none of a table that says nothing."""
     if robot.log != LogMap():
         yield from ("", "[log]")
         for key, entry in list_log(robot.log).items():
@@ -193,6 +178,9 @@ def write_settings(robot: Robot) -> Iterator[str]:
         for key, entry in (kept or {"automatic": False}).items():
             line = f"{key} = {write_value(entry)}"
             yield add_comment(line, _MEANING[key]) if key in _MEANING else line
+    if robot.controller is not None:
+        gains = list_controller(robot.controller).items()
+        yield from ("", "[controller]", *(f"{key} = {write_value(entry)}" for key, entry in gains))
 
 
 def _shorten(robot: Robot, key: str, entry: Any) -> Any:  # noqa: ANN401  whatever TOML has
@@ -208,12 +196,12 @@ def _shorten(robot: Robot, key: str, entry: Any) -> Any:  # noqa: ANN401  whatev
 
 def _is_converted(robot: Robot, quantity: LogQuantity) -> bool:
     """Return whether the factor is what torque constants and gears make of a current, and will again."""
-    if get_unit_factor(quantity.unit)[0] != "current":
-        return False
     coupled = robot.log.transmission is not None
-    drives = [joint.drive for joint in robot.axes]
-    made = tuple((1.0 if coupled else drive.gear) * (drive.torque_constant or 0.0) for drive in drives)
-    return quantity.factor == made and all(made) and quantity.side == ("motor" if coupled else "joint")
+    return (
+        get_unit_factor(quantity.unit)[0] == "current"
+        and quantity.factor == compute_current_factor(robot.axes, coupled=coupled)
+        and quantity.side == ("motor" if coupled else "joint")
+    )
 
 
 _TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")
@@ -229,12 +217,21 @@ def write_robot(robot: Robot, *, comment: str = "", hints: bool = False) -> str:
         comment: lines for the head of the file.
         hints: whether each joint gets, in comments, the tables that it does not have, to be filled in.
     """
-    near = [_compute_joint_frame(robot, joint) for joint in robot.joints]
+    # Joint frames seen from the link frames that the file gives to their parents.
+    frames = [robot.joints[joint.parent].frame if joint.parent >= 0 else IDENTITY for joint in robot.joints]
+    near = [
+        joint.placement if frame == IDENTITY else compose_placements(invert_placement(frame), joint.placement)
+        for joint, frame in zip(robot.joints, frames, strict=True)
+    ]
     convention, placed = _choose_rows(robot, near)
     lines = [f"# {line}".rstrip() for line in comment.splitlines()]
     lines += [
         f"name = {write_value(_choose_name(robot.name))}",
-        *(f"{key} = {write_value(text)}" for key, text in _list_texts(robot)),
+        *(
+            f"{key} = {write_value(text)}"
+            for key, text in (("description", robot.description), ("source", robot.source))
+            if text
+        ),
         f'convention = "{convention}"',
         add_comment(
             f"gravity = [{', '.join(write_exact(entry) for entry in robot.gravity)}]", "m/s^2, base frame"
@@ -245,7 +242,7 @@ def write_robot(robot: Robot, *, comment: str = "", hints: bool = False) -> str:
     for index, joint in enumerate(robot.joints):
         lines += ["", *_write_joint(robot, index, placed[index], first=index == 0, hints=hints)]
         if hints:
-            lines += list_hints(joint)
+            lines += _list_table_hints(joint)
     for coupling in robot.couplings:
         lines += ["", *_write_coupling(robot, coupling)]
     lines += _write_settings(robot)
@@ -256,20 +253,6 @@ def _choose_name(name: str) -> str:
     """Return a name that can name generated functions."""
     plain = re.sub(r"[^A-Za-z0-9_]", "_", name)
     return plain if plain[:1].isalpha() else f"robot_{plain}"
-
-
-def _list_texts(robot: Robot) -> Iterator[tuple[str, str]]:
-    if robot.description:
-        yield "description", robot.description
-    if robot.source:
-        yield "source", robot.source
-
-
-def _compute_joint_frame(robot: Robot, joint: Joint) -> Placement:
-    """Return the joint's frame seen from the link frame that the file gives to its parent."""
-    if joint.parent < 0 or robot.joints[joint.parent].frame == IDENTITY:
-        return joint.placement
-    return compose_placements(invert_placement(robot.joints[joint.parent].frame), joint.placement)
 
 
 def _choose_rows(robot: Robot, near: Sequence[Placement]) -> tuple[str, list[dict[str, str]]]:
@@ -322,13 +305,13 @@ def _write_joint(
     prismatic = joint.kind is JointKind.PRISMATIC
     yield from _write_link(joint, dict(robot.symbols))
     yield from _write_drive(joint.drive)
-    if hints:
-        yield from list_drive_hints(joint)
+    if hints and joint.drive != Drive():
+        yield from _write_hints(joint, _list_drive_hints(joint.drive))
     yield from _write_friction("joint", joint.friction)
     yield from _write_springs(joint, prismatic=prismatic)
     yield from _write_limits(joint, prismatic=prismatic)
-    if hints:
-        yield from list_limit_hints(joint)
+    if hints and joint.limits != Limits():
+        yield from _write_hints(joint, _list_limit_hints(joint.limits))
 
 
 def _write_link(joint: Joint, symbols: Mapping[str, float]) -> Iterator[str]:
@@ -354,9 +337,7 @@ def _write_standard(
     parameters: Sequence[float], frame: Placement, symbols: Mapping[str, float]
 ) -> Iterator[str]:
     """Yield the ten parameters about the origin of the frame that the file gives to the link."""
-    rotation = np.array([[entry.to_float() for entry in row] for row in frame.rotation])
-    origin = np.array([entry.to_float(symbols) for entry in frame.translation])
-    moved = move_parameters(parameters, rotation.T, -rotation.T @ origin)
+    moved = move_by_placement(parameters, frame, symbols, inverse=True)
     scales = ((moved[:6], parameters[:6]), (moved[6:9], parameters[6:9]))
     values = [entry for new, old in scales for entry in _round(new, max(abs(part) for part in (*new, *old)))]
     named = [(key, entry) for key, entry in zip(INERTIAL, (*values, moved[9]), strict=True)]
@@ -370,14 +351,12 @@ def _write_standard(
 
 
 def _write_body(parameters: Sequence[float], frame: Placement, symbols: Mapping[str, float]) -> Iterator[str]:
-    mass = parameters[9]
-    com = np.array(parameters[6:9]) / mass
-    central = move_parameters(parameters, np.eye(3), -com)[:6]
-    rotation = np.array([[entry.to_float() for entry in row] for row in frame.rotation])
+    mass, com, central = split_body(parameters)
+    rotation = np.array(to_floats(frame))
     origin = np.array([entry.to_float(symbols) for entry in frame.translation])
     turned = move_parameters((*central, 0.0, 0.0, 0.0, 0.0), rotation.T, np.zeros(3))[:6]
     inertia = _round(turned, max(abs(entry) for entry in parameters[:6]))
-    place = _round(rotation.T @ (com - origin), float(np.abs(com).max()))
+    place = _round(rotation.T @ (np.array(com) - origin), max(map(abs, com)))
     yield from ("", "[joint.link]", add_comment(f"mass = {write_number(mass)}", "kg"))
     yield add_comment(
         f"com = [{', '.join(write_number(entry) for entry in place)}]", "m, in the link's frame"
@@ -413,11 +392,8 @@ def _write_friction(owner: str, friction: FrictionValues) -> Iterator[str]:
     if friction.kind is FrictionKind.NONE:
         return
     yield from ("", f"[{owner}.friction]", f'model = "{friction.kind.value}"')
-    if friction.values is not None:
-        for name, value in zip(FRICTION_PARAMETERS[friction.kind], friction.values, strict=True):
-            yield f"{name} = {write_number(value)}"
-    for key, value in zip(FRICTION_SHAPES.get(friction.kind, ()), friction.shape, strict=True):
-        yield f"{key.name} = {write_number(value)}"
+    for name, value in (name_values(friction) | name_shape(friction)).items():
+        yield f"{name} = {write_number(value)}"
     if friction.smoothing:
         yield f"smoothing = {write_number(friction.smoothing)}"
 
@@ -432,7 +408,7 @@ def _write_springs(joint: Joint, *, prismatic: bool) -> Iterator[str]:
         )
         yield add_comment(f"rest = {write_known(joint.spring.rest)}", "m" if prismatic else "rad")
     if joint.elasticity is not None:
-        yield from write_elasticity(joint.elasticity, prismatic=prismatic)
+        yield from _write_elasticity(joint.elasticity, prismatic=prismatic)
 
 
 def _write_limits(joint: Joint, *, prismatic: bool) -> Iterator[str]:
@@ -442,14 +418,11 @@ def _write_limits(joint: Joint, *, prismatic: bool) -> Iterator[str]:
     if limits.position is not None:
         low, high = (write_number(value) for value in limits.position)
         lines.append(add_comment(f"position = [{low}, {high}]", unit))
-    if limits.velocity is not None:
-        lines.append(add_comment(f"velocity = {write_number(limits.velocity)}", f"{unit}/s"))
-    if limits.acceleration is not None:
-        lines.append(add_comment(f"acceleration = {write_number(limits.acceleration)}", f"{unit}/s^2"))
-    if limits.jerk is not None:
-        lines.append(add_comment(f"jerk = {write_number(limits.jerk)}", f"{unit}/s^3"))
-    if limits.torque is not None:
-        lines.append(add_comment(f"torque = {write_number(limits.torque)}", "N" if prismatic else "N m"))
+    units = {"velocity": f"{unit}/s", "acceleration": f"{unit}/s^2", "jerk": f"{unit}/s^3"}
+    for key, of_key in {**units, "torque": "N" if prismatic else "N m"}.items():
+        value = getattr(limits, key)
+        if value is not None:
+            lines.append(add_comment(f"{key} = {write_number(value)}", of_key))
     if lines:
         yield from ("", "[joint.limits]", *lines)
 
@@ -463,10 +436,3 @@ def _write_coupling(robot: Robot, coupling: Coupling) -> Iterator[str]:
     if coupling.has_rotor:
         yield f"rotor_inertia = {write_known(coupling.rotor_inertia)}"
     yield from _write_friction("coupling", coupling.friction)
-
-
-def _write_settings(robot: Robot) -> Iterator[str]:
-    yield from write_settings(robot)
-    if robot.controller is not None:
-        gains = list_controller(robot.controller).items()
-        yield from ("", "[controller]", *(f"{key} = {write_value(entry)}" for key, entry in gains))

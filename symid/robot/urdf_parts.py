@@ -25,7 +25,6 @@ from symid.robot.description import Drive, FrictionKind, FrictionValues, Limits
 from symid.robot.geometry import (
     IDENTITY,
     ZERO,
-    Angle,
     Exact,
     Placement,
     build_axis_frame,
@@ -68,23 +67,42 @@ def read_links(reading: UrdfReading) -> dict[str, UrdfLink]:
     """Return the links by name, in the order of the file."""
     links: dict[str, UrdfLink] = {}
     for element in reading.document.root.find_all("link"):
-        name = read_name(reading, "a link", element, "name")
+        name = _read_new_name(reading, element, links)
         if name is None:
-            continue
-        if name in links:
-            line = reading.document.find_place(links[name].element).line
-            text = f"link '{name}': the name is taken by the link of line {line}; each needs its own"
-            reading.refuse("robot.duplicate-link", text, element, "name")
             continue
         reading.skip_others(element, ("inertial",), ("name",))
         links[name] = UrdfLink(name=name, element=element, inertial=_read_inertial(reading, name, element))
     return links
 
 
-def warn_of_origin(
-    reading: UrdfReading, owner: str, origin: XmlElement, xyz: Sequence[Decimal], rpy: Sequence[Decimal]
-) -> None:
-    """Warn of lengths and angles that look like millimetres and degrees."""
+def _read_new_name(
+    reading: UrdfReading, element: XmlElement, known: "Mapping[str, UrdfLink | UrdfJoint]"
+) -> str | None:
+    """Return the name of a link or joint; None where there is none, or it is taken."""
+    tag = element.tag
+    name = read_name(reading, f"a {tag}", element, "name")
+    if name is not None and name in known:
+        line = reading.document.find_place(known[name].element).line
+        text = f"{tag} '{name}': the name is taken by the {tag} of line {line}; each needs its own"
+        reading.refuse(f"robot.duplicate-{tag}", text, element, "name")
+        return None
+    return name
+
+
+_Triple = tuple[Decimal, Decimal, Decimal]
+
+
+def _read_pose(
+    reading: UrdfReading, owner: str, element: XmlElement
+) -> tuple[XmlElement, _Triple, _Triple] | None:
+    """Return <origin> with xyz and rpy; those that look like millimetres and degrees get a warning."""
+    origin = get_single(reading, owner, element, "origin")
+    if origin is None:
+        return None
+    reading.skip_others(origin, (), ("xyz", "rpy"))
+    refuse_text(reading, owner, origin, 'xyz="0 0 0.1" rpy="0 0 0"')
+    zero = (Decimal(0),) * 3
+    xyz, rpy = (read_vector(reading, owner, origin, key) or zero for key in ("xyz", "rpy"))
     if any(abs(value) > _LARGEST_LENGTH for value in xyz):
         far = max(abs(value) for value in xyz)
         text = f"{owner}: origin xyz: {far} m is long; lengths are in m"
@@ -94,6 +112,7 @@ def warn_of_origin(
         turns = float(wide) / math.tau
         text = f"{owner}: origin rpy: {wide} is about {turns:.1f} turns; angles are in rad"
         reading.warn("robot.large-angle", text, origin, "rpy")
+    return origin, xyz, rpy
 
 
 def _read_inertial(reading: UrdfReading, name: str, link: XmlElement) -> tuple[float, ...] | None:
@@ -105,14 +124,10 @@ def _read_inertial(reading: UrdfReading, name: str, link: XmlElement) -> tuple[f
     mass = _read_mass(reading, owner, inertial)
     central = _read_tensor(reading, owner, inertial)
     rotation, com = np.eye(3), (Decimal(0),) * 3
-    origin = get_single(reading, owner, inertial, "origin")
-    if origin is not None:
-        reading.skip_others(origin, (), ("xyz", "rpy"))
-        refuse_text(reading, owner, origin, 'xyz="0 0 0.1" rpy="0 0 0"')
-        com = read_vector(reading, owner, origin, "xyz") or com
-        rpy = read_vector(reading, owner, origin, "rpy") or (Decimal(0),) * 3
-        warn_of_origin(reading, owner, origin, com, rpy)
-        rotation = _compute_rpy_matrix([float(value) for value in rpy])
+    pose = _read_pose(reading, owner, inertial)
+    if pose is not None:
+        com = pose[1]
+        rotation = _compute_rpy_matrix([float(value) for value in pose[2]])
     if mass is None or central is None:
         return None
     turned = move_parameters((*central, 0.0, 0.0, 0.0, mass), rotation, np.zeros(3))
@@ -214,16 +229,9 @@ def read_joint_elements(
     """Return the joints of the file; those without two links are reported and left out."""
     found: dict[str, UrdfJoint] = {}
     for element in reading.document.root.find_all("joint"):
-        name = read_name(reading, "a joint", element, "name")
-        if name is None:
-            continue
-        if name in found:
-            line = reading.document.find_place(found[name].element).line
-            text = f"joint '{name}': the name is taken by the joint of line {line}; each needs its own"
-            reading.refuse("robot.duplicate-joint", text, element, "name")
-            continue
-        joint = _read_joint(reading, name, element, links, snap)
-        if joint is not None:
+        name = _read_new_name(reading, element, found)
+        joint = _read_joint(reading, name, element, links, snap) if name is not None else None
+        if name is not None and joint is not None:
             found[name] = joint
     return tuple(found.values())
 
@@ -282,28 +290,19 @@ def _read_end(
 
 
 def _read_origin(reading: UrdfReading, owner: str, joint: XmlElement, snap: float) -> Placement:
-    element = get_single(reading, owner, joint, "origin")
-    if element is None:
+    pose = _read_pose(reading, owner, joint)
+    if pose is None:
         return IDENTITY
-    reading.skip_others(element, (), ("xyz", "rpy"))
-    refuse_text(reading, owner, element, 'xyz="0 0 0.1" rpy="0 0 0"')
-    zero = (Decimal(0),) * 3
-    xyz = read_vector(reading, owner, element, "xyz") or zero
-    rpy = read_vector(reading, owner, element, "rpy") or zero
-    warn_of_origin(reading, owner, element, xyz, rpy)
+    element, xyz, rpy = pose
     angles = [build_exact_angle(float(value), snap=snap) for value in rpy]
-    _note_snapped_angles(reading, owner, element, angles)
+    moved = max(abs(angle.snapped_by) for angle in angles)
+    if moved:
+        name = owner.removeprefix("joint ")
+        text = "origin rpy was moved to the nearest multiple of pi/2, of joints (by rad) {}"
+        reading.remark("robot.angle-snapped", text, f"{name} ({moved:.1e})", element, "rpy")
     roll, pitch, yaw = angles
     x, y, z = (_round_length(reading, owner, element, value, snap) for value in xyz)
     return Placement(rotation=rotate_rpy(roll, pitch, yaw).rotation, translation=(x, y, z))
-
-
-def _note_snapped_angles(reading: UrdfReading, owner: str, element: XmlElement, angles: list[Angle]) -> None:
-    name = owner.removeprefix("joint ")
-    moved = max((abs(angle.snapped_by) for angle in angles), default=0.0)
-    if moved:
-        text = "origin rpy was moved to the nearest multiple of pi/2, of joints (by rad) {}"
-        reading.remark("robot.angle-snapped", text, f"{name} ({moved:.1e})", element, "rpy")
 
 
 def _round_length(
@@ -489,15 +488,14 @@ def _read_drive(
 
 def _read_one(reading: UrdfReading, owner: str, elements: Sequence[XmlElement], what: str) -> Decimal | None:
     """Return the number that all of the elements state, None without any; two that differ are wrong."""
-    values = [_read_number(reading, owner, element) for element in elements]
+    # Between the tags, or as the attribute `value`.
+    values = [
+        read_decimal(reading, owner, element, "value" if "value" in element.attributes else "")
+        for element in elements
+    ]
     for element, value in zip(elements[1:], values[1:], strict=True):
         if None not in (value, values[0]) and value != values[0]:
             text = f"{owner}: two {what} that differ, {values[0]} and {value}; keep one"
             reading.refuse("robot.two-forms", text, element)
             return None
     return values[0] if values else None
-
-
-def _read_number(reading: UrdfReading, owner: str, element: XmlElement) -> Decimal | None:
-    """Return the number between the tags, or that of the attribute `value`."""
-    return read_decimal(reading, owner, element, "value" if "value" in element.attributes else "")

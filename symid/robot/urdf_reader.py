@@ -17,12 +17,10 @@ Not supported: closed loops, several trees, rings of followers, floating and pla
 
 import functools
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set as AbstractSet
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
-
-import numpy as np
 
 from symid.errors import Notice, RobotError
 from symid.robot.canonical_frames import CanonicalFrames, choose_canonical_frames
@@ -36,16 +34,14 @@ from symid.robot.geometry import (
     compose_placements,
     invert_placement,
     rotate_z,
-    to_floats,
     translate,
 )
-from symid.robot.inertia import Lumped, lump_fixed_joints, move_parameters
+from symid.robot.inertia import Lumped, lump_fixed_joints, move_by_placement
 from symid.robot.toml_values import BASE, read_text_file, suggest_names
 from symid.robot.urdf_parts import UrdfJoint, UrdfLink, read_drives, read_joint_elements, read_links
 from symid.robot.urdf_xml import (
     UrdfReading,
     XmlDocument,
-    XmlElement,
     get_single,
     list_words,
     parse_document,
@@ -250,14 +246,6 @@ class UrdfMimic:
     offset: Fraction
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _JointNames:
-    """The names of the joints that belong to the robot, and of those that stand still before its base."""
-
-    inside: frozenset[str]
-    standing: frozenset[str]
-
-
 def read_urdf_mimics(
     reading: UrdfReading,
     joints: Sequence[UrdfJoint],
@@ -274,13 +262,11 @@ def read_urdf_mimics(
     """
     by_name = {joint.name: joint for joint in joints}
     direct = {joint.name: step for joint in joints if (step := _read_mimic(reading, joint, by_name))}
-    parts = _JointNames(
-        inside=frozenset(joint.name for joint in kept), standing=frozenset(joint.name for joint in before)
-    )
+    inside, standing = ({joint.name for joint in group} for group in (kept, before))
     found: dict[str, UrdfMimic] = {}
     for joint in (*before, *kept):
         if joint.name in direct:
-            follower = _resolve_mimic(reading, joint, direct, by_name, parts)
+            follower = _resolve_mimic(reading, joint, direct, by_name, inside=inside, standing=standing)
             if follower is not None:
                 found[joint.name] = follower
     return found
@@ -312,47 +298,46 @@ def _resolve_mimic(
     joint: UrdfJoint,
     direct: Mapping[str, UrdfMimic],
     joints: Mapping[str, UrdfJoint],
-    parts: _JointNames,
+    *,
+    inside: AbstractSet[str],
+    standing: AbstractSet[str],
 ) -> UrdfMimic | None:
-    """Return `joint` as a follower of the last joint in its row of masters."""
+    """Return `joint` as a follower of the last joint in its row of masters; see `read_urdf_mimics`."""
     multiplier, offset = Fraction(1), Fraction(0)
-    name, seen = joint.name, [joint.name]
-    element = _get_mimic_element(joint)
-    still = name in parts.standing
-    while name in direct:
+    name, path = joint.name, [joint.name]
+    element = joint.element.find("mimic") or joint.element
+    still, why = name in standing, ""
+    while name in direct and not why:
         step = direct[name]
         offset += multiplier * step.offset
         multiplier *= step.multiplier
         name = step.master or ""
         if not multiplier:
-            text = "joints {}: follow with the factor 0, and stand still at their offset"
-            reading.remark("robot.follower-still", text, f"'{joint.name}'", element)
-            return UrdfMimic(master=None, multiplier=multiplier, offset=offset)
-        if name in seen:
-            ring = " -> ".join((*seen[seen.index(name) :], name))
+            why = "follow with the factor 0"
+        elif name in path:
+            ring = " -> ".join((*path[path.index(name) :], name))
             text = f"joint '{joint.name}': joints follow each other in a ring: {ring}"
             reading.refuse("robot.mimic-ring", text, element)
             return None
-        still = still or name in parts.standing
-        if name not in parts.inside and not still:
-            text = "joints {}: the joint that they follow was cut off; they have a coordinate of their own"
-            reading.remark("robot.follower-free", text, f"'{joint.name}'", element)
-            return None
-        seen.append(name)
-    if still:
-        if joint.name in parts.inside:
-            text = "joints {}: follow a joint before the base, and stand still at their offset"
-            reading.remark("robot.follower-still", text, f"'{joint.name}'", element)
-        return UrdfMimic(master=None, multiplier=Fraction(0), offset=offset)
-    if joints[name].type == "fixed":
-        text = "joints {}: follow a fixed joint, and stand still at their offset"
+        else:
+            still = still or name in standing
+            path.append(name)
+            if name not in inside and not still:
+                text = (
+                    "joints {}: the joint that they follow was cut off; they have a coordinate of their own"
+                )
+                reading.remark("robot.follower-free", text, f"'{joint.name}'", element)
+                return None
+    if not why and still:
+        why = "follow a joint before the base" if joint.name in inside else ""
+    elif not why and joints[name].type == "fixed":
+        why = "follow a fixed joint"
+    if why:
+        text = f"joints {{}}: {why}, and stand still at their offset"
         reading.remark("robot.follower-still", text, f"'{joint.name}'", element)
+    if why or still:
         return UrdfMimic(master=None, multiplier=Fraction(0), offset=offset)
     return UrdfMimic(master=name, multiplier=multiplier, offset=offset)
-
-
-def _get_mimic_element(joint: UrdfJoint) -> XmlElement:
-    return joint.element.find("mimic") or joint.element
 
 
 DEFAULT_SNAP = 1e-5
@@ -428,7 +413,8 @@ def parse_urdf(
         joints=_rename_base(reading, tree, reframed.joints),
         gravity=gravity,
         convention="urdf",
-        description=_describe(Path(file).name, tree, tip),
+        description=f"from the URDF {Path(file).name}, whose link {tree.root} is the base"
+        + (f", {tip} the tip" if tip else ""),
         source=document.root.attributes.get("name", ""),
         processing=Processing(automatic=True),
         path=file,
@@ -445,19 +431,13 @@ def _check_language(document: XmlDocument) -> None:
                 f"<{element.tag}>: this is a xacro file, a program that writes a URDF; "
                 f"run `xacro {Path(document.file).name} > robot.urdf` and give that file"
             )
-            raise RobotError(
-                Notice(
-                    code="robot.xacro", text=text, file=document.file, line=place.line, column=place.column
-                )
-            )
+            raise RobotError(place.notice("robot.xacro", text))
     root = document.root
     if root.tag != "robot":
         place = document.find_place(root)
         prefix = "; tags with a prefix are not read" if root.tag.endswith(":robot") else ""
         text = f"the outermost element is <{root.tag}>; that of a URDF is <robot>{prefix}"
-        raise RobotError(
-            Notice(code="robot.no-urdf", text=text, file=document.file, line=place.line, column=place.column)
-        )
+        raise RobotError(place.notice("robot.no-urdf", text))
 
 
 def _read_name(reading: UrdfReading, stem: str) -> str:
@@ -500,7 +480,7 @@ def _build_joints(
             placement=_compose_all(
                 backs[joint.parent], joint.origin, joint.turn, _place_offset(joint, follower, snap)
             ),
-            inertial=inertial and _rotate_parameters(inertial, back),
+            inertial=inertial and move_by_placement(inertial, back),
             friction=joint.friction,
             limits=joint.limits,
             mimic=mimic,
@@ -527,12 +507,6 @@ def _collect_inertials(
 
 def _compose_all(*placements: Placement) -> Placement:
     return functools.reduce(compose_placements, (each for each in placements if each != IDENTITY), IDENTITY)
-
-
-def _rotate_parameters(parameters: Sequence[float], frame: Placement) -> tuple[float, ...]:
-    if frame == IDENTITY:
-        return tuple(parameters)
-    return move_parameters(parameters, np.array(to_floats(frame)), np.zeros(3))
 
 
 def _place_offset(joint: UrdfJoint, follower: UrdfMimic | None, snap: float) -> Placement:
@@ -596,11 +570,6 @@ def _rename_base(reading: UrdfReading, tree: UrdfTree, joints: tuple[Joint, ...]
             reading.warn("robot.renamed", text, element, "name")
             return (*joints[:index], replace(joint, name=name), *joints[index + 1 :])
     return joints
-
-
-def _describe(file: str, tree: UrdfTree, tip: str | None) -> str:
-    end = f", {tip} the tip" if tip else ""
-    return f"from the URDF {file}, whose link {tree.root} is the base{end}"
 
 
 def _compute_gravity(

@@ -1,10 +1,9 @@
 """A robot as a URDF, new or with the robot's own file kept; and the XML texts that URDF and MJCF share.
 
-`write_urdf`: a robot, and standard parameters in place of the file's values where they are given -> the
-text. The base is the link `base`; each joint moves the link `<joint>_link`, whose frame is the link frame
-used here: the axis is z. Numbers have all digits of a double. Inertia is about the centre of mass; a link
-of unknown values has no <inertial>. Limits that are unknown stand as 0: a URDF must state them, and symid
-reads 0 as unknown.
+`write_urdf`: a robot -> the text. The base is the link `base`; each joint moves the link `<joint>_link`,
+whose frame is the link frame used here: the axis is z. Numbers have all digits of a double. Inertia is
+about the centre of mass; a link of unknown values has no <inertial>. Limits that are unknown stand as 0: a
+URDF must state them, and symid reads 0 as unknown.
 
 `rewrite_urdf`: the text of a URDF and the robot read from it, with new values -> the text with new
 inertias, friction and rotors. Names, frames, shapes, comments and the order of everything stay, letter by
@@ -25,13 +24,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from xml.sax.saxutils import escape, quoteattr
 
-import numpy as np
-
 from symid.robot.description import Coupling, FrictionKind, FrictionValues, Joint, JointKind, Robot
 from symid.robot.elasticity import Elasticity
 from symid.robot.geometry import Placement, to_floats
-from symid.robot.inertia import move_parameters
-from symid.robot.toml_friction import FRICTION_PARAMETERS, FRICTION_SHAPES
+from symid.robot.inertia import move_by_placement, split_body
+from symid.robot.toml_friction import FRICTION_PARAMETERS, FRICTION_SHAPES, name_values
 from symid.robot.toml_values import BASE
 from symid.robot.urdf_parts import ROTORS
 from symid.robot.urdf_xml import XmlElement, parse_document
@@ -77,7 +74,7 @@ def get_viscous_coulomb(friction: FrictionValues) -> ViscousCoulomb | None:
     """
     if friction.kind is FrictionKind.NONE or friction.values is None:
         return None
-    named = dict(zip(FRICTION_PARAMETERS[friction.kind], friction.values, strict=True))
+    named = name_values(friction)
     damping, dry = ([named[name] for name in names if name in named] or [0.0] for names in (_DAMPING, _DRY))
     return ViscousCoulomb(damping=sum(damping) / len(damping), dry=sum(dry) / len(dry))
 
@@ -132,36 +129,27 @@ _BASE = "base"
 _TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
-def write_urdf(
-    robot: Robot, parameters: Sequence[Sequence[float]] | None = None, *, comments: Sequence[str] = ()
-) -> str:
+def write_urdf(robot: Robot, *, comments: Sequence[str] = ()) -> str:
     """Return the URDF of `robot`.
 
     Args:
         robot: the robot.
-        parameters: (n, 10) XX XY XZ YY YZ ZZ MX MY MZ M of each joint's link about its frame's origin, in
-            place of `Joint.inertial`.
         comments: texts for the head of the file.
     """
-    values = [joint.inertial for joint in robot.joints] if parameters is None else list(parameters)
     lines = ['<?xml version="1.0" encoding="utf-8"?>', f"<robot name={write_quoted(robot.name)}>"]
     symbols = [f"{name} = {write_decimal(value)} m" for name, value in robot.symbols]
     lines += write_comments([*comments, *symbols, *list_urdf_omissions(robot)])
     lines.append(f'  <link name="{_BASE}"/>')
-    for joint, inertial in zip(robot.joints, values, strict=True):
-        lines += _write_link(joint, inertial)
+    for joint in robot.joints:
+        lines += _write_link(joint)
         lines += _write_joint(robot, joint)
     for joint in robot.joints:
         lines += _write_transmission(joint)
     return "\n".join((*lines, "</robot>", ""))
 
 
-def list_urdf_omissions(robot: Robot) -> tuple[str, ...]:
-    """Return what a URDF has no words for, or simulators no eye for; the file has it in comments."""
-    return tuple(_list_omissions(robot))
-
-
-def _list_omissions(robot: Robot) -> Iterator[str]:
+def list_urdf_omissions(robot: Robot) -> Iterator[str]:
+    """Yield what a URDF has no words for, or simulators no eye for; the file has it in comments."""
     gravity = tuple(value.to_float(dict(robot.symbols)) for value in robot.gravity)
     if gravity != _GRAVITY:
         yield f"gravity of the model: {write_decimals(gravity)} m/s^2 in the frame of the link {_BASE}"
@@ -193,9 +181,7 @@ def _compute_rpy(placement: Placement) -> tuple[float, float, float]:
 
 def write_inertial(parameters: Sequence[float]) -> list[str]:
     """Return the lines of <inertial> for ten standard parameters in the frame of the link."""
-    mass = float(parameters[9])
-    com = [float(value) / mass for value in parameters[6:9]] if mass else [0.0, 0.0, 0.0]
-    central = move_parameters(parameters, np.eye(3), -np.array(com))[:6]
+    mass, com, central = split_body(parameters)
     tensor = " ".join(f'{key}="{write_decimal(value)}"' for key, value in zip(_TENSOR, central, strict=True))
     return [
         "<inertial>",
@@ -206,12 +192,12 @@ def write_inertial(parameters: Sequence[float]) -> list[str]:
     ]
 
 
-def _write_link(joint: Joint, inertial: Sequence[float] | None) -> Iterator[str]:
-    if inertial is None:
+def _write_link(joint: Joint) -> Iterator[str]:
+    if joint.inertial is None:
         yield f"  <link name={_link(joint.name)}/>"
         return
     yield f"  <link name={_link(joint.name)}>"
-    yield from (f"    {line}" for line in write_inertial(inertial))
+    yield from (f"    {line}" for line in write_inertial(joint.inertial))
     yield "  </link>"
 
 
@@ -349,16 +335,11 @@ def _edit_links(file: _UrdfFile) -> Iterator[_Edit]:
         old = link.find("inertial")
         joint = file.links.get(name)
         if joint is not None and joint.inertial is not None:
-            yield from _replace(file.source, link, old, _write_values(joint))
+            # In the frame that the file gives to the link.
+            values = move_by_placement(joint.inertial, joint.frame, inverse=True)
+            yield from _replace(file.source, link, old, write_inertial(values))
         elif name in file.lumped and old is not None:
             yield _remove(file.source, old)
-
-
-def _write_values(joint: Joint) -> list[str]:
-    """Return the lines of <inertial> in the frame that the file gives to the link."""
-    rotation = np.array([[entry.to_float() for entry in row] for row in joint.frame.rotation])
-    origin = np.array([entry.to_float() for entry in joint.frame.translation])
-    return write_inertial(move_parameters(joint.inertial or (), rotation.T, -rotation.T @ origin))
 
 
 def _edit_joints(file: _UrdfFile) -> Iterator[_Edit]:

@@ -138,7 +138,8 @@ def parse_document(text: str, file: str) -> XmlDocument:
     try:
         builder.parser.Parse(source, True)
     except expat.ExpatError as error:
-        words = f"not well-formed XML: {expat.ErrorString(error.code)}{_explain_unclosed(builder.open)}"
+        words = f"not well-formed XML: {expat.ErrorString(error.code)}"
+        words += f" (inside <{builder.open[-1].tag}>)" if builder.open else ""
         column = error.offset + 1
         raise RobotError(
             Notice(code="robot.syntax", text=words, file=file, line=error.lineno, column=column)
@@ -150,10 +151,6 @@ def parse_document(text: str, file: str) -> XmlDocument:
     if builder.root is None:  # expat refuses a text without an element
         raise RobotError(Notice(code="robot.syntax", text="no element in the file", file=file, line=1))
     return XmlDocument(root=builder.root, file=file, source=source, lines=lines)
-
-
-def _explain_unclosed(elements: list[XmlElement]) -> str:
-    return f" (inside <{elements[-1].tag}>)" if elements else ""
 
 
 _DECIMAL = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
@@ -187,11 +184,11 @@ class UrdfReading:
 
     def refuse(self, code: str, text: str, element: XmlElement, attribute: str = "") -> None:
         """Add an error at an element or at the value of one of its attributes."""
-        self.report.errors.append(self._notice(code, text, element, attribute))
+        self.report.errors.append(self.document.find_place(element, attribute).notice(code, text))
 
     def warn(self, code: str, text: str, element: XmlElement, attribute: str = "") -> None:
         """Add a warning at an element or at the value of one of its attributes."""
-        self.report.warnings.append(self._notice(code, text, element, attribute))
+        self.report.warnings.append(self.document.find_place(element, attribute).notice(code, text))
 
     def remark(self, code: str, text: str, name: str, element: XmlElement, attribute: str = "") -> None:
         """Add `name` to a warning that is made once for many; its {} stands for the names."""
@@ -223,27 +220,17 @@ class UrdfReading:
         for kind, places in self.unused.items():
             often = "once" if len(places) == 1 else f"{len(places)} times"
             text = f"not used: {kind} ({often}, {_describe_places(places)})"
-            notices.append(_build_notice("robot.urdf-unused", text, places[0]))
+            notices.append(places[0].notice("robot.urdf-unused", text))
         if self.looks:
             counts = ", ".join(f"<{tag}> ({len(places)})" for tag, places in self.looks.items())
-            first = min((place for places in self.looks.values() for place in places), key=_get_order)
+            everywhere = [place for places in self.looks.values() for place in places]
+            first = min(everywhere, key=lambda place: (place.line, place.column))
             text = f"not used, and not needed for the dynamics: {counts}"
-            notices.append(_build_notice("robot.urdf-unused", text, first))
+            notices.append(first.notice("robot.urdf-unused", text))
         for (code, words), found in self.grouped.items():
             text = words.format(list_words(name for name, _ in found))
-            notices.append(_build_notice(code, text, found[0][1]))
+            notices.append(found[0][1].notice(code, text))
         return tuple(sorted(notices, key=lambda notice: (notice.line, notice.column)))
-
-    def _notice(self, code: str, text: str, element: XmlElement, attribute: str) -> Notice:
-        return _build_notice(code, text, self.document.find_place(element, attribute))
-
-
-def _get_order(place: Place) -> tuple[int, int]:
-    return (place.line, place.column)
-
-
-def _build_notice(code: str, text: str, place: Place) -> Notice:
-    return Notice(code=code, text=text, file=place.file, line=place.line, column=place.column)
 
 
 def _describe_places(places: list[Place]) -> str:

@@ -12,6 +12,14 @@ if TYPE_CHECKING:
         observe as observe,
         simulate_elastic as simulate_elastic,
     )
+    from symid.simulation.friction_rig import (
+        ForceDrive as ForceDrive,
+        PositionControl as PositionControl,
+        Rig as Rig,
+        RigOptions as RigOptions,
+        SpringDrive as SpringDrive,
+        simulate_friction_rig as simulate_friction_rig,
+    )
     from symid.simulation.rigid_plant import RigidPlant as RigidPlant, RigidPlantState as RigidPlantState
     from symid.simulation.simulated_log import (
         SensorSettings as SensorSettings,

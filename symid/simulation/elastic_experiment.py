@@ -31,8 +31,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
-from symid.codegen import Library, PlantExperiment, PlantLog, PlantRobot, freeze_fields
+from symid.arrays import FloatArray, FrozenArrays, freeze
+from symid.codegen import Library, PlantExperiment, PlantLog, PlantRobot
 from symid.errors import Notice, SolverError, UsageError
 from symid.excitation import ReferenceMotion
 from symid.logs import Recording
@@ -48,9 +48,9 @@ from symid.simulation.elastic_plant import (
     simulate_plant,
 )
 from symid.simulation.experiment import (
-    ExperimentTiming,
+    build_times,
     check_balance,
-    check_timing,
+    compute_effective_inertia,
     compute_reach,
     describe_massless,
     describe_runaway,
@@ -93,25 +93,19 @@ def compute_gains(mass: FloatArray, rotor: FloatArray, bandwidth: float, period:
         bandwidth: Hz.
         period: of the control loop, s.
     """
-    whole = mass + np.diag(rotor)
-    inertia = np.mean(1.0 / np.diagonal(np.linalg.inv(whole), axis1=1, axis2=2), axis=0)
+    inertia = compute_effective_inertia(mass + np.diag(rotor))
     damping = np.minimum(4.0 * np.pi * bandwidth * inertia, _DAMPING_SHARE * rotor / period)
     stiffness = damping**2 / (4.0 * inertia)
     return MotorGains(stiffness=tuple(stiffness.tolist()), damping=tuple(damping.tolist()))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MotorReference:
+class MotorReference(FrozenArrays):
     """What motors are told: `angle`, `speed`, `torque`, each (N, n) at the ticks, joint side, SI units."""
 
     angle: FloatArray
     speed: FloatArray
     torque: FloatArray
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("angle", "speed", "torque"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -152,7 +146,7 @@ def build_noisy_options() -> ElasticExperimentOptions:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ElasticRun:
+class ElasticRun(FrozenArrays):
     """A recording and the truth behind it; position of links q, of motors theta, both joint side.
 
     Args:
@@ -188,10 +182,6 @@ class ElasticRun:
     backend: str
     notices: tuple[Notice, ...] = ()
 
-    def __post_init__(self) -> None:
-        """Make the arrays read-only."""
-        freeze_fields(self)
-
     @property
     def phi(self) -> FloatArray:
         """Return the true torsion (N, n), rad or m."""
@@ -215,12 +205,6 @@ class ElasticRun:
         """Return the largest |gap|, relative to the most work done."""
         most = float(np.abs(self.work.sum(axis=1)).max())
         return self.energy_gap / max(most, float(np.finfo(np.float64).tiny))
-
-    def find_window_gap(self, window: float) -> float:
-        """Return the largest |gap| in J over windows of so many seconds, wherever they begin."""
-        samples = max(1, round(window / self.recording.period))
-        gap = self.gap
-        return float(np.abs(gap[samples:] - gap[:-samples]).max()) if samples < len(gap) else self.energy_gap
 
 
 def observe(run: ElasticRun, sensors: ElasticSensors, rng: np.random.Generator) -> Recording:
@@ -260,18 +244,11 @@ class _ElasticTask:
     library: Library
     values: ElasticValues
     plant: PlantRobot
-    timing: ExperimentTiming
+    options: ElasticExperimentOptions
+    gains: MotorGains | None
     time: FloatArray
     desired: FloatArray
     speed: FloatArray
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Hold:
-    """At rest at the first pose: `weight` of the links (n,), `torque` of the motors (n,), N m or N."""
-
-    weight: FloatArray
-    torque: FloatArray
 
 
 def simulate_elastic(
@@ -302,10 +279,15 @@ def simulate_elastic(
     task = _prepare(robot, library, trajectory, options, values)
     # Values that are tried, and not a robot's own, may push.
     curves = None if values else build_curved_friction(library, get_velocity_limits(robot))
-    hold = _compute_hold(task)
-    rest = compute_rest(task.plant, hold.weight, tuple(joint.name for joint in robot.axes))
-    told = reference or _build_reference(task, hold, rest)
-    order = _build_order(task, options, told, rest)
+    pose, own = task.desired[:1], task.values
+    hold = weight = library.evaluate("gravity", pose, own.beta)[0][0]
+    if own.friction.size:
+        hold = weight + library.evaluate("friction", np.zeros_like(pose), own.friction)[0][0]
+    rest = compute_rest(task.plant, weight, tuple(joint.name for joint in robot.axes))
+    # Motors see the trajectory ahead by the first torsion, and carry the weight.
+    torque = np.broadcast_to(hold, task.desired.shape)
+    followed = reference or MotorReference(angle=task.desired + rest.phi, speed=task.speed, torque=torque)
+    order = _build_order(task, followed, rest)
     ran = simulate_plant(library, task.plant, order)
     _check_motion(task, ran.log)
     if curves:
@@ -329,15 +311,14 @@ def _prepare(
     # A robot of one's own may have the name of a shipped one.
     own = shipped if shipped and len(shipped.damping) == robot.freedom else None
     gains = options.gains or own
-    timing = ExperimentTiming(
-        duration=trajectory.duration if options.duration is None else options.duration,
+    time = build_times(
+        robot,
+        library,
+        trajectory,
+        duration=options.duration,
         period=options.period,
-        substeps=1,
-        bandwidth=options.bandwidth,
-        stiffness=gains.stiffness if gains else None,
-        damping=gains.damping if gains else None,
+        gains={"stiffness": gains.stiffness, "damping": gains.damping} if gains else {},
     )
-    check_timing(robot, library, trajectory, timing)
     check_elastic_sensors(options.sensors, robot.freedom)
     if not (options.step > 0.0 and options.parts >= 1 and (options.control_counts or 1.0) > 0.0):
         text = (
@@ -345,47 +326,33 @@ def _prepare(
             "the step and the counts must be positive, with one part at least"
         )
         raise UsageError(Notice(code="usage.experiment", text=text))
-    time = freeze(np.arange(round(timing.duration / timing.period) + 1) * timing.period)
     desired, speed = trajectory.evaluate_derivatives(time, 1)
     return _ElasticTask(
         robot=robot,
         library=library,
         values=stated,
         plant=build_plant_robot(stated),
-        timing=timing,
+        options=options,
+        gains=gains,
         time=time,
         desired=freeze(desired),
         speed=speed,
     )
 
 
-def _compute_hold(task: _ElasticTask) -> _Hold:
-    pose, values = task.desired[:1], task.values
-    weight = task.library.evaluate("gravity", pose, values.beta)[0][0]
-    drag = np.zeros_like(weight)
-    if values.friction.size:
-        drag = task.library.evaluate("friction", np.zeros_like(pose), values.friction)[0][0]
-    return _Hold(weight=weight, torque=weight + drag)
-
-
-def _build_reference(task: _ElasticTask, hold: _Hold, rest: RestState) -> MotorReference:
-    """Return the trajectory as motors see it: ahead by the first torsion, carrying the weight."""
-    torque = np.broadcast_to(hold.torque, task.desired.shape)
-    return MotorReference(angle=task.desired + rest.phi, speed=task.speed, torque=torque)
-
-
-def _build_order(
-    task: _ElasticTask, options: ElasticExperimentOptions, told: MotorReference, rest: RestState
-) -> PlantExperiment:
+def _build_order(task: _ElasticTask, told: MotorReference, rest: RestState) -> PlantExperiment:
     for name in ("angle", "speed", "torque"):
         if getattr(told, name).shape != task.desired.shape:
             text = (
                 f"reference {name}: expected the shape {task.desired.shape}, got {getattr(told, name).shape}"
             )
             raise UsageError(Notice(code="usage.experiment", text=text))
-    timing, start = task.timing, task.desired[0]
+    options, start = task.options, task.desired[0]
     poses = task.desired[np.linspace(0, len(task.desired) - 1, _POSES).astype(int)]
-    gains = _choose_gains(task, poses)
+    (mass,) = task.library.evaluate("mass_matrix", poses, task.values.beta)
+    if not np.all(np.linalg.eigvalsh(mass) > 0.0):
+        raise SolverError(describe_massless(task.robot))
+    gains = task.gains or compute_gains(mass, task.values.rotor, options.bandwidth, options.period)
     return PlantExperiment(
         angle=told.angle,
         speed=told.speed,
@@ -394,24 +361,13 @@ def _build_order(
         damping=np.array(gains.damping),
         limit=get_torque_limits(task.robot),
         step=get_encoder_turns(task.robot) / (options.control_counts or np.inf),
-        period=timing.period,
-        substeps=count_substeps(task.library, task.values, poses, period=timing.period, step=options.step),
+        period=options.period,
+        substeps=count_substeps(task.library, task.values, poses, period=options.period, step=options.step),
         parts=options.parts,
         q=start,
         theta=start + rest.phi,
         play=rest.play,
     )
-
-
-def _choose_gains(task: _ElasticTask, poses: FloatArray) -> MotorGains:
-    """Return the gains asked for, or those by bandwidth; refuse links that move without inertia."""
-    timing = task.timing
-    (mass,) = task.library.evaluate("mass_matrix", poses, task.values.beta)
-    if not np.all(np.linalg.eigvalsh(mass) > 0.0):
-        raise SolverError(describe_massless(task.robot))
-    if timing.stiffness is not None and timing.damping is not None:
-        return MotorGains(stiffness=timing.stiffness, damping=timing.damping)
-    return compute_gains(mass, task.values.rotor, timing.bandwidth, timing.period)
 
 
 def _check_motion(task: _ElasticTask, log: PlantLog) -> None:
@@ -425,7 +381,7 @@ def _check_motion(task: _ElasticTask, log: PlantLog) -> None:
     gone = np.flatnonzero(far[: log.ticks])
     if gone.size or log.ticks < len(log.q):
         tick = int(gone[0]) if gone.size else log.ticks
-        raise SolverError(describe_runaway(tick, task.timing))
+        raise SolverError(describe_runaway(tick, task.options.period, task.options.bandwidth))
 
 
 def _build_run(task: _ElasticTask, ran: PlantRun, notices: tuple[Notice, ...], source: str) -> ElasticRun:

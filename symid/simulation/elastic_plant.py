@@ -20,12 +20,11 @@ from typing import final
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import (
     CompiledPlant,
     Library,
     ModelCard,
-    ParameterCard,
     PlantExperiment,
     PlantLog,
     PlantRobot,
@@ -34,10 +33,11 @@ from symid.codegen import (
 )
 from symid.errors import GenerationError, Notice, SolverError, UsageError
 from symid.robot import Elasticity, Robot
+from symid.simulation.sensors import quantise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ElasticValues:
+class ElasticValues(FrozenArrays):
     """Values of all parameters of an elastic robot, in the order of its card.
 
     Args:
@@ -50,11 +50,6 @@ class ElasticValues:
     friction: FloatArray
     elasticity: tuple[Elasticity, ...]
 
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("beta", "rotor", "friction"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
-
 
 def get_elastic_values(robot: Robot, card: ModelCard) -> ElasticValues:
     """Return the values that the robot file states.
@@ -63,47 +58,37 @@ def get_elastic_values(robot: Robot, card: ModelCard) -> ElasticValues:
         UsageError: the robot cannot be simulated as an elastic one; all reasons at once.
     """
     if not card.elastic:
-        raise UsageError(_describe_rigid(robot))
+        names = [joint.name for joint, gives in zip(robot.axes, robot.elastic, strict=True) if not gives]
+        text = (
+            f"robot {robot.name!r} is not elastic in every joint ({', '.join(names)} do not give); elastic "
+            "simulation wants an [joint.elasticity] table for all joints or for none"
+        )
+        raise UsageError(Notice(code="usage.not-elastic", text=text))
     notices = [*_describe_gaps(robot, card), *_describe_sharp_friction(robot, card)]
     if notices:
         raise UsageError(*notices)
-    rotors = {rotor.joint: rotor.value for rotor in card.rotors}
-    return ElasticValues(
-        beta=_list_values(card.beta),
-        rotor=np.array([rotors[joint.name] for joint in robot.axes], dtype=np.float64),
-        friction=_list_values(card.friction),
-        elasticity=tuple(spring for spring in card.elasticity if spring is not None),
+    rotors = {rotor.joint: rotor for rotor in card.rotors}
+    beta, rotor, friction = (
+        np.array([parameter.value for parameter in parameters], dtype=np.float64)
+        for parameters in (card.beta, [rotors[joint.name] for joint in robot.axes], card.friction)
     )
-
-
-def _list_values(parameters: tuple[ParameterCard, ...]) -> FloatArray:
-    return np.array([parameter.value for parameter in parameters], dtype=np.float64)
-
-
-def _describe_rigid(robot: Robot) -> Notice:
-    names = [joint.name for joint, gives in zip(robot.axes, robot.elastic, strict=True) if not gives]
-    text = (
-        f"robot {robot.name!r} is not elastic in every joint ({', '.join(names)} do not give); elastic "
-        "simulation wants an [joint.elasticity] table for all joints or for none"
-    )
-    return Notice(code="usage.not-elastic", text=text)
-
-
-def _list_gaps(robot: Robot, card: ModelCard) -> Iterator[str]:
-    """Yield what the robot file does not state."""
-    for parameter in (*card.beta, *card.rotors, *card.friction):
-        if parameter.value is None:
-            yield parameter.name
-    rotors = {rotor.joint for rotor in card.rotors}
-    for joint, spring in zip(robot.axes, card.elasticity, strict=True):
-        if joint.name not in rotors:
-            yield f"rotor_inertia of {joint.name!r}"
-        if spring is not None and spring.initial_stiffness is None:
-            yield f"stiffness of {joint.name!r} and of its stops"
+    springs = tuple(spring for spring in card.elasticity if spring is not None)
+    return ElasticValues(beta=beta, rotor=rotor, friction=friction, elasticity=springs)
 
 
 def _describe_gaps(robot: Robot, card: ModelCard) -> Iterator[Notice]:
-    unknown = list(_list_gaps(robot, card))
+    """Yield what is said of values that the robot file does not state, or that are not positive."""
+    unknown = [entry.name for entry in (*card.beta, *card.rotors, *card.friction) if entry.value is None]
+    rotors = {rotor.joint: rotor.value for rotor in card.rotors}
+    light = [name for name, value in rotors.items() if value is not None and not value > 0.0]
+    soft = []
+    for joint, spring in zip(robot.axes, card.elasticity, strict=True):
+        if joint.name not in rotors:
+            unknown.append(f"rotor_inertia of {joint.name!r}")
+        if spring is not None and spring.initial_stiffness is None:
+            unknown.append(f"stiffness of {joint.name!r} and of its stops")
+        if spring is not None and spring.stiffness is not None and spring.stiffness <= 0:
+            soft.append(joint.name)
     if unknown:
         text = (
             f"robot {robot.name!r} cannot be simulated: its file states no value for {', '.join(unknown)}; "
@@ -111,21 +96,10 @@ def _describe_gaps(robot: Robot, card: ModelCard) -> Iterator[Notice]:
             "of every joint"
         )
         yield Notice(code="usage.unknown-values", text=text)
-    rotors = {rotor.joint: rotor.value for rotor in card.rotors}
-    light = [name for name, value in rotors.items() if value is not None and not value > 0.0]
-    soft = [
-        name for name, spring in _pair(robot, card) if spring.stiffness is not None and spring.stiffness <= 0
-    ]
     for names, what in ((light, "rotor_inertia"), (soft, "stiffness")):
         if names:
             text = f"robot {robot.name!r}: the {what} of {', '.join(names)} must be positive to be simulated"
             yield Notice(code="usage.not-positive", text=text)
-
-
-def _pair(robot: Robot, card: ModelCard) -> Iterator[tuple[str, Elasticity]]:
-    for joint, spring in zip(robot.axes, card.elasticity, strict=True):
-        if spring is not None:
-            yield joint.name, spring
 
 
 def _describe_sharp_friction(robot: Robot, card: ModelCard) -> Iterator[Notice]:
@@ -335,9 +309,8 @@ def simulate_in_numpy(library: Library, robot: PlantRobot, order: PlantExperimen
 
 def _compute_motor_torque(order: PlantExperiment, tick: int, x: FloatArray) -> FloatArray:
     """Return the torque (n,) of the motors' PD loops at a tick."""
-    step = np.where(order.step > 0.0, order.step, 1.0)
-    seen = np.where(order.step > 0.0, np.round(x[2] / step) * step, x[2])
-    demand = order.stiffness * (order.angle[tick] - seen) + order.damping * (order.speed[tick] - x[3])
+    measured = quantise(x[2], order.step)
+    demand = order.stiffness * (order.angle[tick] - measured) + order.damping * (order.speed[tick] - x[3])
     torque: FloatArray = np.clip(demand + order.torque[tick], -order.limit, order.limit)
     return torque
 
@@ -440,16 +413,11 @@ _BISECTIONS = 200
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class RestState:
+class RestState(FrozenArrays):
     """Springs under load: torsion `phi` (n,) rad or m, `play` P_i (n, m) rad or m."""
 
     phi: FloatArray
     play: FloatArray
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("phi", "play"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
 
 
 def compute_rest(robot: PlantRobot, load: FloatArray, names: tuple[str, ...]) -> RestState:

@@ -20,11 +20,12 @@ Not supported: further feed-forward, motor-side logs, elastic joints (see `elast
 collisions.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, FrozenArrays, freeze
 from symid.codegen import Library
 from symid.errors import Notice, SolverError, UsageError
 from symid.excitation import ReferenceMotion
@@ -44,25 +45,29 @@ _REMEDY = (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExperimentTiming:
-    """What of the options of an experiment can be wrong: times in s, bandwidth in Hz, gains per joint."""
+def build_times(
+    robot: Robot,
+    library: Library,
+    trajectory: ReferenceMotion,
+    *,
+    duration: float | None,
+    period: float,
+    substeps: int = 1,
+    gains: Mapping[str, tuple[float, ...] | None],
+) -> FloatArray:
+    """Return the control ticks (N,) in s.
 
-    duration: float
-    period: float
-    substeps: int
-    bandwidth: float
-    stiffness: tuple[float, ...] | None
-    damping: tuple[float, ...] | None
-
-
-def check_timing(
-    robot: Robot, library: Library, trajectory: ReferenceMotion, timing: ExperimentTiming
-) -> None:
-    """Refuse sizes and times that do not fit.
+    Args:
+        robot: of the experiment.
+        library: its functions.
+        trajectory: that it follows.
+        duration: s; None for that of the trajectory.
+        period: s.
+        substeps: of a period.
+        gains: by name, one a joint.
 
     Raises:
-        UsageError: all that is wrong.
+        UsageError: all sizes and times that do not fit.
     """
     size = robot.freedom
     problems = []
@@ -70,19 +75,29 @@ def check_timing(
         problems.append(
             f"the robot has {size} joints, the trajectory {trajectory.size}, the library {library.card.size}"
         )
-    for name in ("stiffness", "damping"):
-        gains: tuple[float, ...] | None = getattr(timing, name)
-        if gains is not None and len(gains) != size:
-            problems.append(f"{name}: {len(gains)} numbers for {size} joints")
-    duration = timing.duration
-    finite = np.isfinite(duration) and np.isfinite(timing.period)
-    if not (finite and timing.period > 0.0 and timing.substeps >= 1 and duration >= 2.0 * timing.period):
+    for name, values in gains.items():
+        if values is not None and len(values) != size:
+            problems.append(f"{name}: {len(values)} numbers for {size} joints")
+    duration = trajectory.duration if duration is None else duration
+    finite = np.isfinite(duration) and np.isfinite(period)
+    if not (finite and period > 0.0 and substeps >= 1 and duration >= 2.0 * period):
         problems.append(
-            f"duration {duration:g} s, period {timing.period:g} s, substeps {timing.substeps}: "
+            f"duration {duration:g} s, period {period:g} s, substeps {substeps}: "
             "the period must be positive, with one substep and two periods at least"
         )
     if problems:
         raise UsageError(*(Notice(code="usage.experiment", text=text) for text in problems))
+    return freeze(np.arange(round(duration / period) + 1) * period)
+
+
+def compute_effective_inertia(mass: FloatArray) -> FloatArray:
+    """Return the mean of 1 / (M^-1)_jj (n,) over mass matrices (K, n, n): what a joint feels, others free.
+
+    It is never more than M_jj; with it no mode of the coupled robot under PD control at w is faster than
+    w sqrt(n).
+    """
+    inertia: FloatArray = np.mean(1.0 / np.diagonal(np.linalg.inv(mass), axis1=1, axis2=2), axis=0)
+    return inertia
 
 
 def get_torque_limits(robot: Robot) -> FloatArray:
@@ -152,11 +167,11 @@ def describe_massless(robot: Robot) -> Notice:
     return Notice(code="simulate.massless", text=text)
 
 
-def describe_runaway(tick: int, timing: ExperimentTiming) -> Notice:
-    """Return what is said of a robot that ran away at a tick."""
+def describe_runaway(tick: int, period: float, bandwidth: float) -> Notice:
+    """Return what is said of a robot that ran away at a tick; period in s, bandwidth of the gains in Hz."""
     text = (
-        f"the controlled robot ran away at t = {tick * timing.period:g} s: lower the bandwidth "
-        f"({timing.bandwidth:g} Hz) or the gains, shorten the control period ({timing.period:g} s), "
+        f"the controlled robot ran away at t = {tick * period:g} s: lower the bandwidth "
+        f"({bandwidth:g} Hz) or the gains, shorten the control period ({period:g} s), "
         "or give links with mass an inertia"
     )
     return Notice(code="simulate.unstable", text=text)
@@ -187,7 +202,7 @@ class ExperimentOptions:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SimulationRun:
+class SimulationRun(FrozenArrays):
     """A recording and the truth behind it.
 
     Args:
@@ -210,11 +225,6 @@ class SimulationRun:
     dissipation: FloatArray
     events: int
     controller: Controller
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("q", "dq", "desired", "torque", "kinetic", "potential", "work", "dissipation"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
 
     @property
     def energy_gap(self) -> float:
@@ -252,15 +262,22 @@ def simulate_experiment(
         SolverError: the controlled robot is unstable or too light, chatters without end, or has friction that
             is too steep.
     """
-    timing = _build_timing(trajectory, options)
     _refuse_elastic(robot)
-    check_timing(robot, library, trajectory, timing)
+    stated = options.controller or options
+    times = build_times(
+        robot,
+        library,
+        trajectory,
+        duration=options.duration,
+        period=options.period,
+        substeps=options.substeps,
+        gains={"stiffness": stated.stiffness, "damping": stated.damping},
+    )
     plant = RigidPlant(library, speeds=get_velocity_limits(robot))
     sensors = build_sensors(robot, options.sensors)
-    times = freeze(np.arange(round(timing.duration / options.period) + 1) * options.period)
     desired, speeds, _ = trajectory.evaluate(times)
     control = _build_control(robot, library, plant, desired, options)
-    states, torque = _run_control_loop(plant, sensors, control, (desired, speeds), timing)
+    states, torque = _run_control_loop(plant, sensors, control, (desired, speeds), options)
     q, dq = np.array([state.q for state in states]), np.array([state.dq for state in states])
     plant.check_friction(dq)
     kinetic, potential = library.evaluate("energy", q, dq, plant.beta)
@@ -298,7 +315,7 @@ def _run_control_loop(
     sensors: Sensors,
     control: _Control,
     reference: tuple[FloatArray, FloatArray],
-    timing: ExperimentTiming,
+    options: ExperimentOptions,
 ) -> tuple[list[RigidPlantState], FloatArray]:
     """Return the states at every tick and the torques held from it (the last one repeats)."""
     desired, speeds = reference
@@ -310,15 +327,15 @@ def _run_control_loop(
     asked = float(control.law.velocity == "error")
     for k in range(len(desired) - 1):
         before, measured = measured, quantise(state.q, sensors.step)
-        raw = state.dq if sensed else (measured - before) / timing.period
+        raw = state.dq if sensed else (measured - before) / options.period
         velocity = velocity + control.blend * (raw - velocity)
         error, slip = desired[k] - measured, asked * speeds[k] - velocity
         demand = control.weight + control.stiffness * error + control.damping * slip
         torque[k] = np.minimum(np.maximum(demand, -control.limit), control.limit)
-        state = plant.advance(state, torque[k], timing.period, timing.substeps)
+        state = plant.advance(state, torque[k], options.period, options.substeps)
         states.append(state)
         if not (np.all(np.abs(state.q) < control.reach) and np.all(np.isfinite(state.dq))):
-            raise SolverError(describe_runaway(k, timing))
+            raise SolverError(describe_runaway(k, options.period, options.bandwidth))
     torque[-1] = torque[-2]
     return states, torque
 
@@ -326,15 +343,11 @@ def _run_control_loop(
 def _build_control(
     robot: Robot, library: Library, plant: RigidPlant, desired: FloatArray, options: ExperimentOptions
 ) -> _Control:
-    """Return gains: Kp = w^2 J, Kd = 2 w J with J the mean of 1 / (M^-1)_jj along the trajectory.
-
-    J is what a joint feels while the others are free, never more than M_jj; with it no mode of
-    the coupled robot is faster than w sqrt(n).
-    """
+    """Return gains: Kp = w^2 J, Kd = 2 w J with J the effective inertia along the trajectory."""
     samples = np.linspace(0, len(desired) - 1, _GAIN_SAMPLES).astype(int)
     (mass,) = library.evaluate("mass_matrix", desired[samples], plant.beta)
     try:
-        inertia = np.mean(1.0 / np.diagonal(np.linalg.inv(mass), axis1=1, axis2=2), axis=0)
+        inertia = compute_effective_inertia(mass)
     except np.linalg.LinAlgError as error:
         raise SolverError(describe_massless(robot)) from error
     if not (np.all(np.isfinite(inertia)) and np.all(inertia > 0.0)):
@@ -355,17 +368,6 @@ def _build_control(
         weight=weight,
         limit=get_torque_limits(robot),
         reach=compute_reach(robot, desired),
-    )
-
-
-def _build_timing(trajectory: ReferenceMotion, options: ExperimentOptions) -> ExperimentTiming:
-    return ExperimentTiming(
-        duration=trajectory.duration if options.duration is None else options.duration,
-        period=options.period,
-        substeps=options.substeps,
-        bandwidth=options.bandwidth,
-        stiffness=options.controller.stiffness if options.controller else options.stiffness,
-        damping=options.controller.damping if options.controller else options.damping,
     )
 
 

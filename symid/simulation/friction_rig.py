@@ -22,7 +22,7 @@ from typing import Protocol
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import Notice, SolverError, UsageError
 from symid.joint_models import (
     DynamicLaw,
@@ -150,7 +150,7 @@ class RigOptions:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class RigRun:
+class RigRun(FrozenArrays):
     """What happened, (N,) each, in SI units; `friction` opposes motion where it is of the velocity's sign.
 
     Args:
@@ -246,14 +246,14 @@ def _build_run(rig: Rig, drive: RigDrive, time: FloatArray, states: FloatArray) 
     columns = zip(time.tolist(), *(row.tolist() for row in states[:4]), strict=True)
     found = [_compute_rates(rig, drive, at, (x, v, z, w)) for at, x, v, z, w in columns]
     return RigRun(
-        time=freeze(time),
-        position=freeze(position),
-        velocity=freeze(velocity),
-        acceleration=freeze([rates[1] for rates, _, _ in found]),
-        deflection=freeze(deflection),
-        force=freeze([force for _, force, _ in found]),
-        friction=freeze([friction for _, _, friction in found]),
-        work=freeze(work),
-        loss=freeze(loss),
-        energy=freeze(0.5 * rig.mass * velocity**2 + 0.5 * rig.values[0] * deflection**2),
+        time=time,
+        position=position,
+        velocity=velocity,
+        acceleration=np.array([rates[1] for rates, _, _ in found]),
+        deflection=deflection,
+        force=np.array([force for _, force, _ in found]),
+        friction=np.array([friction for _, _, friction in found]),
+        work=work,
+        loss=loss,
+        energy=0.5 * rig.mass * velocity**2 + 0.5 * rig.values[0] * deflection**2,
     )

@@ -39,7 +39,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import JointCard, Library, ModelCard, ParameterCard
 from symid.errors import Notice, SolverError, UsageError
 from symid.joint_models import FRICTION_MODELS
@@ -55,7 +55,7 @@ _ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FrictionLines:
+class FrictionLines(FrozenArrays):
     """The lines of all coordinates; rows: [standstill, positive, negative], so that mode -1 is the last.
 
     Args:
@@ -68,11 +68,6 @@ class FrictionLines:
     level: FloatArray
     curved: NDArray[np.bool_]
     curve: Callable[[FloatArray], FloatArray] | None = None
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("viscous", "level"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
 
     def find_drag(self, modes: Sequence[int], dq: FloatArray) -> FloatArray:
         """Return what sliding adds to the level of each mode, (n,) N m or N; zero at standstill."""
@@ -127,16 +122,8 @@ def _list_shared(columns: FloatArray, rest: FloatArray) -> NDArray[np.bool_]:
     return shared
 
 
-def _check_own(card: ModelCard, columns: FloatArray, rest: FloatArray) -> None:
-    """Refuse friction at a coordinate that depends on the speed of another.
-
-    Raises:
-        UsageError: which parameters do that.
-    """
-    _refuse_shared(card, _list_shared(columns, rest))
-
-
 def _refuse_shared(card: ModelCard, shared: NDArray[np.bool_]) -> None:
+    """Refuse friction at a coordinate that depends on the speed of another; `shared` (p,): which do that."""
     names = [parameter.name for parameter, found in zip(card.friction, shared, strict=True) if found]
     if names:
         text = (
@@ -165,7 +152,7 @@ def build_friction_lines(library: Library, speeds: FloatArray | None = None) -> 
     values = get_parameter_values(card.friction, card.robot)
     columns = _compute_columns(library, values, _SPEEDS)
     (rest,) = library.evaluate("friction_regressor", np.zeros((1, card.size)))
-    _check_own(card, columns, rest[0] * values)
+    _refuse_shared(card, _list_shared(columns, rest[0] * values))
     own = np.arange(card.size)
     at = columns[own, :, own]
     # Parameter by parameter: one and two times a column are exact, sums of parameters need not be.
@@ -383,7 +370,7 @@ class RigidPlant:
     ) -> tuple[RigidPlantState, float, float, int]:
         """Return the state after a step of `h` at most, its length, that of the next, how many were tried."""
         if self._lines.curve is None:
-            return self._step(state, torque, h), h, h, 1
+            return self._stride(state, torque, h)[0], h, h, 1
         for tries in range(1, _MOST_STRIDES + 1):
             with np.errstate(over="ignore", invalid="ignore"):
                 after, last = self._stride(state, torque, h)
@@ -415,17 +402,11 @@ class RigidPlant:
         """Return the torque (n,) in N m or N that holds the robot at rest at `q` (n,)."""
         return self._bias(np.asarray(q, dtype=np.float64), np.zeros(self.size), self.beta)[0].copy()
 
-    def _step(self, state: RigidPlantState, torque: FloatArray, h: float) -> RigidPlantState:
-        """Return the state after one Runge-Kutta step with the modes held."""
-        return self._stride(state, torque, h)[0]
-
     def _stride(
         self, state: RigidPlantState, torque: FloatArray, h: float
     ) -> tuple[RigidPlantState, FloatArray]:
         """Return the state after one Runge-Kutta step with the modes held, and its last stage's ddq (n,)."""
-        rows = np.array(state.modes)
-        columns = np.arange(self.size)
-        level = self._lines.level[rows, columns]
+        level = self._lines.level[np.array(state.modes), np.arange(self.size)]
         push = torque - level
         held = [joint for joint, mode in enumerate(state.modes) if mode == 0]
 
@@ -515,7 +496,8 @@ class RigidPlant:
         level = self._lines.level
         for joint in resting:
             if joint in held:
-                slack = _compute_slack(level[:, joint], float(need[joint]))
+                # A torque may lie this far beyond the band and still count as within it.
+                slack = _SLACK * (abs(need[joint]) + level[1, joint] - level[2, joint])
                 if need[joint] > level[1, joint] + slack:
                     return joint, 1
                 if need[joint] < level[2, joint] - slack:
@@ -533,7 +515,7 @@ class RigidPlant:
             for joint in range(self.size)
             if _has_crossed(joint, before, after)
         )
-        there = self._step(before, torque, share * h)
+        there = self._stride(before, torque, share * h)[0]
         dq, modes = there.dq.copy(), list(there.modes)
         dq[stopping], modes[stopping] = 0.0, 0
         return share, replace(there, dq=dq, modes=tuple(modes), events=there.events + 1)
@@ -545,7 +527,7 @@ class RigidPlant:
         mode = before.modes[joint]
 
         def speed(share: float) -> float:
-            return float(self._step(before, torque, share * h).dq[joint]) * mode
+            return float(self._stride(before, torque, share * h)[0].dq[joint]) * mode
 
         high, at_high = 1.0, float(after.dq[joint]) * mode
         low, at_low = 0.0, float(before.dq[joint]) * mode
@@ -576,11 +558,6 @@ class RigidPlant:
 
 def _has_crossed(joint: int, before: RigidPlantState, after: RigidPlantState) -> bool:
     return float(after.dq[joint]) * before.modes[joint] < 0.0
-
-
-def _compute_slack(level: FloatArray, need: float) -> float:
-    """Return how far a needed torque may lie beyond the band and still count as within it."""
-    return _SLACK * (abs(need) + float(level[1]) - float(level[2]))
 
 
 def _describe_chatter(state: RigidPlantState, duration: float) -> Notice:

@@ -9,12 +9,11 @@ Not supported: coloured noise, eccentric encoders, delays that vary.
 """
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import Notice, UsageError
 from symid.robot import JointKind, Robot
 
@@ -32,16 +31,11 @@ class SensorOptions:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Sensors:
+class Sensors(FrozenArrays):
     """Sensors of one robot: encoder `step` (n,) rad or m, 0 for a perfect one; `noise` (n,) N m or N."""
 
     step: FloatArray
     noise: FloatArray
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("step", "noise"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
 
 
 def build_sensors(robot: Robot, options: SensorOptions) -> Sensors:
@@ -60,9 +54,8 @@ def build_sensors(robot: Robot, options: SensorOptions) -> Sensors:
             f"none negative, all finite; got {noise}"
         )
         raise UsageError(Notice(code="usage.sensor-noise", text=text))
-    turn = np.array([1.0 if joint.kind is JointKind.PRISMATIC else 2.0 * np.pi for joint in robot.axes])
     return Sensors(
-        step=np.zeros(robot.freedom) if counts is None else turn / counts,
+        step=np.zeros(robot.freedom) if counts is None else get_encoder_turns(robot) / counts,
         noise=np.broadcast_to(np.array(noise, dtype=np.float64), (robot.freedom,)),
     )
 
@@ -77,9 +70,6 @@ def quantise(values: FloatArray, step: FloatArray) -> FloatArray:
 def add_torque_noise(torque: FloatArray, sensors: Sensors, rng: np.random.Generator) -> FloatArray:
     """Return `torque` (N, n) with white noise of the sensors' standard deviation."""
     return torque + rng.normal(size=torque.shape) * sensors.noise
-
-
-_TUPLES = ("motor_offset", "link_offset", "torque_noise", "relative_noise")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,35 +94,27 @@ class ElasticSensors:
     relative_noise: tuple[float, ...] = (0.0,)
 
 
-def _list_mistakes(sensors: ElasticSensors, size: int) -> Iterator[tuple[str, str]]:
-    """Yield code and text of everything that no sensor can be."""
-    for name in ("motor_counts", "link_counts"):
-        counts: float | None = getattr(sensors, name)
-        if counts is not None and not 0.0 < counts < math.inf:
-            yield "usage.sensor-counts", f"{name}: must be positive and finite, got {counts:g}"
-    for name in _TUPLES:
-        values: tuple[float, ...] = getattr(sensors, name)
-        low = -math.inf if name.endswith("offset") else 0.0
-        if len(values) not in {1, size} or not all(math.isfinite(value) and value >= low for value in values):
-            kind = "offset" if name.endswith("offset") else "noise"
-            rule = "all finite" if kind == "offset" else "none negative, all finite"
-            yield (
-                f"usage.sensor-{kind}",
-                f"{name}: one number for all or {size} numbers, {rule}; got {values}",
-            )
-    if not math.isfinite(sensors.delay):
-        yield "usage.sensor-delay", f"delay: must be finite, got {sensors.delay:g} s"
-
-
 def check_elastic_sensors(sensors: ElasticSensors, size: int) -> None:
     """Refuse sensors that cannot be.
 
     Raises:
         UsageError: numbers out of range, or not as many as joints.
     """
-    notices = [Notice(code=code, text=text) for code, text in _list_mistakes(sensors, size)]
-    if notices:
-        raise UsageError(*notices)
+    mistakes = []
+    for name in ("motor_counts", "link_counts"):
+        counts: float | None = getattr(sensors, name)
+        if counts is not None and not 0.0 < counts < math.inf:
+            mistakes.append(("counts", f"{name}: must be positive and finite, got {counts:g}"))
+    for name in ("motor_offset", "link_offset", "torque_noise", "relative_noise"):
+        values: tuple[float, ...] = getattr(sensors, name)
+        kind = "offset" if name.endswith("offset") else "noise"
+        low, rule = (-math.inf, "all finite") if kind == "offset" else (0.0, "none negative, all finite")
+        if len(values) not in {1, size} or not all(math.isfinite(value) and value >= low for value in values):
+            mistakes.append((kind, f"{name}: one number for all or {size} numbers, {rule}; got {values}"))
+    if not math.isfinite(sensors.delay):
+        mistakes.append(("delay", f"delay: must be finite, got {sensors.delay:g} s"))
+    if mistakes:
+        raise UsageError(*(Notice(code=f"usage.sensor-{kind}", text=text) for kind, text in mistakes))
 
 
 def get_encoder_turns(robot: Robot) -> FloatArray:
@@ -156,12 +138,7 @@ def compute_readings(
     if delay > 0.0:
         columns = [np.interp(time - delay, time, column) for column in position.T]
         late = np.stack(columns, axis=1)
-    shifted: FloatArray = late + np.array(offset)
-    if not np.any(step > 0.0):
-        return shifted
-    safe = np.where(step > 0.0, step, 1.0)
-    readings: FloatArray = np.where(step > 0.0, np.round(shifted / safe) * safe, shifted)
-    return readings
+    return quantise(late + np.array(offset), step)
 
 
 def add_motor_noise(torque: FloatArray, sensors: ElasticSensors, rng: np.random.Generator) -> FloatArray:

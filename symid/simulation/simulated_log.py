@@ -18,7 +18,6 @@ from symid.excitation import ReferenceMotion
 from symid.logs import Recording
 from symid.robot import Robot
 from symid.simulation.elastic_experiment import (
-    ElasticExperimentOptions,
     build_clean_options,
     build_noisy_options,
     simulate_elastic,
@@ -115,7 +114,11 @@ def _simulate_rigid(
 def _simulate_elastic(
     robot: Robot, library: Library, motion: ReferenceMotion, sensors: SensorSettings, rng: np.random.Generator
 ) -> SimulatedLog:
-    options = _build_elastic_options(sensors)
+    options = build_clean_options() if sensors.clean else build_noisy_options()
+    given = replace(options.sensors, delay=sensors.delay, link_offset=(sensors.offset,))
+    if sensors.noise is not None and not sensors.clean:
+        given = replace(given, torque_noise=(sensors.noise,), relative_noise=(0.0,))
+    options = replace(options, sensors=given)
     run = simulate_elastic(robot, library, motion, options, rng)
     return SimulatedLog(
         recording=run.recording,
@@ -129,14 +132,6 @@ def _simulate_elastic(
             "largest_torsion": abs(run.phi).max(axis=0).tolist(),
         },
     )
-
-
-def _build_elastic_options(sensors: SensorSettings) -> ElasticExperimentOptions:
-    options = build_clean_options() if sensors.clean else build_noisy_options()
-    seen = replace(options.sensors, delay=sensors.delay, link_offset=(sensors.offset,))
-    if sensors.noise is not None and not sensors.clean:
-        seen = replace(seen, torque_noise=(sensors.noise,), relative_noise=(0.0,))
-    return replace(options, sensors=seen)
 
 
 def _list_friction_gap(friction: "FrictionValues") -> Iterator[str]:

@@ -32,7 +32,6 @@ from symid.codegen import Library, ModelCard, prepare_library
 from symid.errors import Notice, UsageError
 from symid.excitation import Trajectory, build_ta, build_tb, build_tc, scale_trajectory
 from symid.identification.elastic import (
-    ElasticEquations,
     ElasticOptions,
     ElasticSignals,
     MethodFit,
@@ -258,7 +257,9 @@ def fit_all_methods(
     seconds: dict[str, float] = {}
     for method in methods:
         begin = time.process_time()
-        fits[method] = _fit(work, method)
+        fits[method] = (
+            fit_independent(work.problem, encoder=True) if method == _ENCODER else fit_method(work, method)
+        )
         seconds[method] = shared + time.process_time() - begin
     begin = time.process_time()
     usable = [fit for name, fit in fits.items() if name not in _RIVALS and fit.outcome.usable]
@@ -278,18 +279,13 @@ def run_study_task(task: StudyTask) -> tuple[MethodRun, ...]:
     return tuple(_compute_errors(world, task.dataset, found, method) for method in found.fits)
 
 
-def _fit(work: ElasticEquations, method: str) -> MethodFit:
-    if method == _ENCODER:
-        return fit_independent(work.problem, encoder=True)
-    return fit_method(work, method)
-
-
 def _compute_errors(world: ElasticScene, dataset: Dataset, found: MethodFits, method: str) -> MethodRun:
     fit = found.fits[method]
     held_out = world.runs["TC"]
     hysteresis = compute_hysteresis_errors(fit, held_out)
     truth = [spring for spring in world.library.card.elasticity if spring is not None]
-    excited = compute_excited_errors(fit, truth, held_out, _measure_torsion(world, dataset))
+    reach = np.max([np.abs(world.runs[name].phi).max(axis=0) for name in dataset.runs], axis=0)
+    excited = compute_excited_errors(fit, truth, held_out, reach)
     usable = fit.outcome.usable
     return MethodRun(
         method=method,
@@ -301,12 +297,6 @@ def _compute_errors(world: ElasticScene, dataset: Dataset, found: MethodFits, me
         seconds=found.seconds[method],
         chosen=found.chosen if method == AUTOMATIC else "",
     )
-
-
-def _measure_torsion(world: ElasticScene, dataset: Dataset) -> FloatArray:
-    """Return the largest torsion of the dataset's runs (n,), rad or m."""
-    reach: FloatArray = np.max([np.abs(world.runs[name].phi).max(axis=0) for name in dataset.runs], axis=0)
-    return reach
 
 
 _TORQUE_NOISE = 0.02
@@ -391,14 +381,15 @@ def study_elastic(
     # Made before the processes start, so that they do not all compile it.
     world = prepare_elastic_scene(robot, SensorCondition.NOISY, backend)
     results = run_tasks(run_study_task, tasks, jobs=jobs, progress=progress)
-    found: dict[tuple[str, SensorCondition], list[tuple[MethodRun, ...]]] = {}
-    for task, runs in zip(tasks, results, strict=True):
-        found.setdefault((task.dataset.name, task.condition), []).append(runs)
     studies = []
     for dataset, condition in groups:
         noisy = condition is SensorCondition.NOISY
         bound, spring_bound = _compute_bounds(world, dataset) if noisy else (math.nan, math.nan)
-        every = found[dataset.name, condition]
+        every = [
+            runs
+            for task, runs in zip(tasks, results, strict=True)
+            if (task.dataset, task.condition) == (dataset, condition)
+        ]
         studies.append(
             DatasetStudy(
                 dataset=dataset.name,

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, FrozenArrays
 from symid.identification.friction import FrictionSamples
 from symid.joint_models import compute_friction_torque, get_law
 
@@ -131,7 +131,7 @@ _PERIOD = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FrictionScene:
+class FrictionScene(FrozenArrays):
     """A joint whose friction is known, in motion.
 
     Args:
@@ -148,11 +148,6 @@ class FrictionScene:
     velocity: FloatArray
     torque: FloatArray
     noise: float
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("velocity", "torque"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
 
 
 def build_half_cosine(peak: float, samples: int) -> FloatArray:

@@ -76,16 +76,16 @@ class EstimatorRun:
     """
 
     estimator: str
-    values: tuple[float, ...]
-    objective: float
-    excess: float
-    evaluations: int
-    solves: int
-    iterations: int
-    seconds: float
-    outcome: str
-    history: tuple[float, ...]
-    reason: str
+    values: tuple[float, ...] = ()
+    objective: float = math.nan
+    excess: float = math.nan
+    evaluations: int = 0
+    solves: int = 0
+    iterations: int = 0
+    seconds: float = math.nan
+    outcome: str = "not run"
+    history: tuple[float, ...] = ()
+    reason: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -249,7 +249,7 @@ def compare_estimators(
         samples=samples.count,
         names=tuple(entry.name for entry in law.physical),
         runs=tuple(
-            _list_as_refused(estimator, reason)
+            EstimatorRun(estimator=estimator, reason=reason)
             if found is None
             else EstimatorRun(
                 estimator=estimator,
@@ -262,26 +262,9 @@ def compare_estimators(
                 seconds=seconds,
                 outcome=found.outcome.value,
                 history=found.history,
-                reason="",
             )
             for estimator, found, seconds, reason in fits
         ),
-    )
-
-
-def _list_as_refused(estimator: str, reason: str) -> EstimatorRun:
-    return EstimatorRun(
-        estimator=estimator,
-        values=(),
-        objective=math.nan,
-        excess=math.nan,
-        evaluations=0,
-        solves=0,
-        iterations=0,
-        seconds=math.nan,
-        outcome="not run",
-        history=(),
-        reason=reason,
     )
 
 
@@ -354,20 +337,17 @@ def build_second_scene(index: int) -> FrictionScene:
     return build_friction_scene(row.joint, row.law, row.values, velocity, _NOISE_SHARE * coulomb)
 
 
-def fit_draws(task: tuple[FrictionScene, Sequence[int]]) -> tuple[FittedDraw, ...]:
-    """Return the fit of every seed's draw of a scene."""
-    scene, seeds = task
+def fit_draw(task: tuple[FrictionScene, int]) -> FittedDraw:
+    """Return the fit of a seed's draw of a scene."""
+    scene, seed = task
     law, options = get_law(scene.law), FrictionOptions()
-    found = []
-    for seed in seeds:
-        samples = draw_samples(scene, np.random.default_rng(seed))
-        search = search_friction(build_problem(samples, law, options), estimator="varpro", options=options)
-        found.append((law.to_physical(list(search.linear), list(search.shape)), search.solves))
-    return tuple(found)
+    samples = draw_samples(scene, np.random.default_rng(seed))
+    search = search_friction(build_problem(samples, law, options), estimator="varpro", options=options)
+    return law.to_physical(list(search.linear), list(search.shape)), search.solves
 
 
 def summarise_recovery(scene: FrictionScene, found: Sequence[FittedDraw]) -> Recovery:
-    """Return what the draws of `fit_draws`, at least two, say together."""
+    """Return what the draws of `fit_draw`, at least two, say together."""
     law = get_law(scene.law)
     samples = draw_samples(scene, np.random.default_rng(0))
     bounds = compute_cramer_rao(samples, law, scene.physical, scene.noise)
@@ -467,23 +447,20 @@ def build_gain_scene(index: int) -> FrictionScene:
     return build_friction_scene(row.joint, row.law, row.values, velocity, TABLE_4[index].noise)
 
 
-def fit_laws(task: tuple[FrictionScene, Sequence[int]]) -> tuple[GainDraw, ...]:
-    """Return the sums of squares of all laws for every seed's draw of a scene."""
-    scene, seeds = task
-    options, draws = FrictionOptions(), []
-    for seed in seeds:
-        samples = draw_samples(scene, np.random.default_rng(seed))
-        other = draw_samples(scene, np.random.default_rng((seed, 2))).torque
-        fitted, held_out = [], []
-        for name in LAWS:
-            law = get_law(name)
-            problem = build_problem(samples, law, options)
-            search = search_friction(problem, estimator="varpro", options=options)
-            torque = compute_friction_torque(law, samples.inputs, list(search.linear), list(search.shape))
-            fitted.append(search.objective)
-            held_out.append(float(np.sum((other - torque) ** 2)))
-        draws.append(GainDraw(fitted=tuple(fitted), held_out=tuple(held_out)))
-    return tuple(draws)
+def fit_laws(task: tuple[FrictionScene, int]) -> GainDraw:
+    """Return the sums of squares of all laws for a seed's draw of a scene."""
+    scene, seed = task
+    options = FrictionOptions()
+    samples = draw_samples(scene, np.random.default_rng(seed))
+    other = draw_samples(scene, np.random.default_rng((seed, 2))).torque
+    fitted, held_out = [], []
+    for name in LAWS:
+        law = get_law(name)
+        search = search_friction(build_problem(samples, law, options), estimator="varpro", options=options)
+        torque = compute_friction_torque(law, samples.inputs, list(search.linear), list(search.shape))
+        fitted.append(search.objective)
+        held_out.append(float(np.sum((other - torque) ** 2)))
+    return GainDraw(fitted=tuple(fitted), held_out=tuple(held_out))
 
 
 def summarise_gains(index: int, draws: Sequence[GainDraw]) -> GainStudy:

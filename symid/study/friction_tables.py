@@ -21,7 +21,7 @@ from typing import TypeVar
 
 from symid.errors import Notice, UsageError
 from symid.identification.friction import VariableProjectionOptions
-from symid.study.friction_paper import RV_2SQ, SWEEPS, TABLE_3, FrictionScene
+from symid.study.friction_paper import RV_2SQ, SWEEPS, TABLE_3
 from symid.study.friction_protocols import (
     AGREEMENT,
     NEARNESS,
@@ -37,7 +37,7 @@ from symid.study.friction_protocols import (
     build_sweep_scene,
     compare_estimators,
     fit_all_estimators,
-    fit_draws,
+    fit_draw,
     fit_laws,
     summarise_agreement,
     summarise_gains,
@@ -201,9 +201,8 @@ def _check_default(contest: EstimatorComparison) -> FrictionCheck:
 A = TypeVar("A")
 B = TypeVar("B")
 
-DRAWS = 1000
-"""Of protocol S2; the others take fewer of the same seeds."""
 _AGREEMENT_DRAWS, _GAIN_DRAWS, _SECOND_DRAWS = 20, 100, 100
+"""Protocol S2 draws all seeds, the others fewer of them."""
 _BATCH = 25
 
 
@@ -249,33 +248,37 @@ def study_friction(
         text = f"{len(seeds)} draw: a standard deviation over draws needs two or more"
         raise UsageError(Notice(code="usage.friction-draws", text=text))
     # Before the processes start: they would share the cores with what is timed.
-    contests = _compare_all_estimators(seeds[0], timed=timed)
+    contests = tuple(
+        compare_estimators(title, scene, seeds[0], timed=timed)
+        for title, scene in (
+            ("Table 1, joint 1, one direction", build_sweep_scene(SWEEPS[0])),
+            ("Table 3, joint 1, two cosines", build_recovery_scene(0)),
+        )
+    )
     wanted = [build_recovery_scene(index) for index in range(len(TABLE_3))]
     second = [build_second_scene(index) for index in range(len(RV_2SQ))]
     gains = [build_gain_scene(index) for index in range(len(TABLE_3))]
-    of_draws = [_split_seeds(scene, seeds) for scene in wanted]
-    of_draws += [_split_seeds(scene, seeds[:_SECOND_DRAWS]) for scene in second]
-    of_gains = [_split_seeds(scene, seeds[:_GAIN_DRAWS]) for scene in gains]
+    of_draws = [[(scene, seed) for seed in seeds] for scene in wanted]
+    of_draws += [[(scene, seed) for seed in seeds[:_SECOND_DRAWS]] for scene in second]
+    of_gains = [[(scene, seed) for seed in seeds[:_GAIN_DRAWS]] for scene in gains]
     of_sweeps = [[(sweep, seed) for seed in seeds[:_AGREEMENT_DRAWS]] for sweep in SWEEPS]
     stages = [sum(map(len, tasks)) for tasks in (of_draws, of_gains, of_sweeps)]
     whole = sum(stages)
 
-    def run(function: Callable[[A], B], groups: Sequence[Sequence[A]], stage: int) -> list[list[B]]:
+    def run(
+        function: Callable[[A], B], groups: Sequence[Sequence[A]], stage: int, batch: int = _BATCH
+    ) -> list[list[B]]:
         before = sum(stages[:stage])
         tell = None if progress is None else lambda done, _: progress(before + done, whole)
-        results = iter(run_tasks(function, [x for tasks in groups for x in tasks], jobs=jobs, progress=tell))
+        every = [task for tasks in groups for task in tasks]
+        results = iter(run_tasks(function, every, jobs=jobs, batch=batch, progress=tell))
         return [[next(results) for _ in tasks] for tasks in groups]
 
-    drawn = [[x for part in parts for x in part] for parts in run(fit_draws, of_draws, 0)]
+    drawn = run(fit_draw, of_draws, 0)
     recovered = tuple(summarise_recovery(*pair) for pair in zip((*wanted, *second), drawn, strict=True))
-    gained = tuple(
-        summarise_gains(index, [draw for part in parts for draw in part])
-        for index, parts in enumerate(run(fit_laws, of_gains, 1))
-    )
-    agreed = tuple(
-        summarise_agreement(sweep, draws)
-        for sweep, draws in zip(SWEEPS, run(fit_all_estimators, of_sweeps, 2), strict=True)
-    )
+    gained = tuple(summarise_gains(index, draws) for index, draws in enumerate(run(fit_laws, of_gains, 1)))
+    compared = run(fit_all_estimators, of_sweeps, 2, batch=1)
+    agreed = tuple(summarise_agreement(*pair) for pair in zip(SWEEPS, compared, strict=True))
     recovery, others = recovered[: len(wanted)], recovered[len(wanted) :]
     return FrictionStudy(
         seeds=(seeds[0], seeds[-1]),
@@ -286,16 +289,3 @@ def study_friction(
         contests=contests,
         checks=list_checks(agreed, recovery, gained, others, contests),
     )
-
-
-def _compare_all_estimators(seed: int, *, timed: bool) -> tuple[EstimatorComparison, ...]:
-    sweep, cosines = build_sweep_scene(SWEEPS[0]), build_recovery_scene(0)
-    return (
-        compare_estimators("Table 1, joint 1, one direction", sweep, seed, timed=timed),
-        compare_estimators("Table 3, joint 1, two cosines", cosines, seed, timed=timed),
-    )
-
-
-def _split_seeds(scene: FrictionScene, seeds: Sequence[int]) -> list[tuple[FrictionScene, tuple[int, ...]]]:
-    """Return the seeds in batches, each worth a message to another process."""
-    return [(scene, tuple(seeds[k : k + _BATCH])) for k in range(0, len(seeds), _BATCH)]

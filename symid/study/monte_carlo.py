@@ -33,27 +33,12 @@ A = TypeVar("A")
 B = TypeVar("B")
 
 
-def count_jobs(jobs: int | None) -> int:
-    """Return the number of processes: as asked for, or one a core that this process may use.
-
-    Raises:
-        UsageError: it is not positive.
-    """
-    if jobs is None:
-        return max(
-            1, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-        )
-    if jobs < 1:
-        text = f"jobs must be 1 or more, got {jobs}"
-        raise UsageError(Notice(code="usage.jobs", text=text))
-    return jobs
-
-
 def run_tasks(
     function: Callable[[A], B],
     tasks: Sequence[A],
     *,
     jobs: int | None = None,
+    batch: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[B, ...]:
     """Return function(task) of every task, in the order of `tasks`.
@@ -61,28 +46,33 @@ def run_tasks(
     Args:
         function: of a module, so that other processes find it.
         tasks: arguments, each can be pickled.
-        jobs: processes; None for one a core.
+        jobs: processes; None for one for each core that this process may use.
+        batch: how many tasks are worth a message to another process.
         progress: told how many tasks are done, of how many.
 
     Raises:
         UsageError: jobs is not positive.
         SolverError: something outside ended a worker.
     """
-    count = min(count_jobs(jobs), len(tasks))
+    if jobs is None:
+        jobs = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if jobs < 1:
+        raise UsageError(Notice(code="usage.jobs", text=f"jobs must be 1 or more, got {jobs}"))
     results: list[B] = []
     if not tasks:
         return ()
+    batches = [tasks[start : start + batch] for start in range(0, len(tasks), batch)]
     # A process that is forked from one with threads may hang; a fresh one costs half a second.
     context = multiprocessing.get_context("spawn")
     others = set(multiprocessing.active_children())
-    with ProcessPoolExecutor(max_workers=count, mp_context=context, initializer=_end_quietly) as pool:
+    with ProcessPoolExecutor(min(jobs, len(batches)), mp_context=context, initializer=_end_quietly) as pool:
         try:
             # A worker may load NumPy before it comes to any line of ours, with the caller's own script: the
             # threads must be in the environment that it is born with. All start here.
             with _one_thread():
-                waiting = [pool.submit(function, task) for task in tasks]
+                waiting = [pool.submit(_run_batch, function, part) for part in batches]
             for future in waiting:
-                results.append(future.result())
+                results.extend(future.result())
                 if progress is not None:
                     progress(len(results), len(tasks))
         except BaseException as error:
@@ -90,17 +80,17 @@ def run_tasks(
             for worker in set(multiprocessing.active_children()) - others:
                 worker.terminate()
             if isinstance(error, BrokenProcessPool):
-                raise SolverError(_describe_lost_worker(len(results), len(tasks))) from error
+                text = (
+                    f"a worker process was ended from outside after {len(results)} of {len(tasks)} tasks, as "
+                    "a system does that runs out of memory: try again with fewer jobs"
+                )
+                raise SolverError(Notice(code="solver.worker-lost", text=text)) from error
             raise
     return tuple(results)
 
 
-def _describe_lost_worker(done: int, whole: int) -> Notice:
-    text = (
-        f"a worker process was ended from outside after {done} of {whole} tasks, as a system does that runs "
-        "out of memory: try again with fewer jobs"
-    )
-    return Notice(code="solver.worker-lost", text=text)
+def _run_batch(function: Callable[[A], B], tasks: Sequence[A]) -> list[B]:
+    return [function(task) for task in tasks]
 
 
 @contextmanager

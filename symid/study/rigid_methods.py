@@ -112,23 +112,19 @@ def build_precision_scene(robot: Robot, library: Library) -> PrecisionScene:
     torque = rows["torque"].matrix @ truth
     groups = [rows["torque"].group == joint for joint in range(library.card.size)]
     deviations = np.array([NOISE * np.sqrt(np.mean(torque[members] ** 2)) for members in groups])
+    # The roots of the diagonal of (A' S^-1 A)^-1.
+    of_rows = deviations[rows["torque"].group]
+    triangle = np.linalg.qr(rows["torque"].matrix / of_rows[:, None], mode="r")
     return PrecisionScene(
         rows=rows,
         truth=truth,
         bodies=bodies,
         deviations=deviations,
-        bound=_compute_bound(rows["torque"], deviations),
+        bound=np.linalg.norm(np.linalg.inv(triangle), axis=1),
         samples=len(time),
         period=_PERIOD,
         window=_WINDOW,
     )
-
-
-def _compute_bound(rows: Rows, deviations: FloatArray) -> FloatArray:
-    """Return the roots of the diagonal of (A' S^-1 A)^-1."""
-    triangle = np.linalg.qr(rows.matrix / deviations[rows.group][:, None], mode="r")
-    bound: FloatArray = np.linalg.norm(np.linalg.inv(triangle), axis=1)
-    return bound
 
 
 def _get_truth(library: Library, bodies: Bodies) -> FloatArray:
@@ -160,7 +156,8 @@ def _draw_bodies(expected: FloatArray) -> FloatArray:
     return compute_standard_parameters(np.array(bodies))
 
 
-_SEEDS_PER_TASK = 20
+_BATCH = 20
+"""Seeds of a task."""
 _NORMAL_95 = 1.959963984540054
 
 
@@ -235,11 +232,8 @@ def study_precision(
         jobs: processes; None for one a core.
         progress: told how many tasks are done, of how many.
     """
-    tasks = [
-        (robot, backend, tuple(seeds[start : start + _SEEDS_PER_TASK]))
-        for start in range(0, len(seeds), _SEEDS_PER_TASK)
-    ]
-    found = [draw for part in run_tasks(fit_seeds, tasks, jobs=jobs, progress=progress) for draw in part]
+    tasks = [(robot, backend, seed) for seed in seeds]
+    found = run_tasks(_fit_seed, tasks, jobs=jobs, batch=_BATCH, progress=progress)
     scene = _load_scene(robot, backend)
     rows = scene.rows["torque"]
     spectrum = compute_spectrum(condense_rows(rows).factors[:, :, :-1].reshape(-1, len(rows.names))).singular
@@ -256,14 +250,10 @@ def study_precision(
     )
 
 
-def fit_seeds(task: tuple[Robot, str, tuple[int, ...]]) -> list[dict[str, _SeedErrors]]:
-    """Return what every method finds under the noise of every seed."""
-    robot, backend, seeds = task
+def _fit_seed(task: tuple[Robot, str, int]) -> dict[str, _SeedErrors]:
+    """Return what every method finds under the noise of a seed."""
+    robot, backend, seed = task
     scene = _load_scene(robot, backend)
-    return [_fit_seed(scene, seed) for seed in seeds]
-
-
-def _fit_seed(scene: PrecisionScene, seed: int) -> dict[str, _SeedErrors]:
     rng = np.random.default_rng(seed)
     excitations = int(scene.rows["torque"].run.max()) + 1
     shape = (excitations, scene.samples, len(scene.deviations))

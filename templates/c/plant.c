@@ -14,10 +14,6 @@
 #include <stddef.h>
 #include <string.h>
 
-#ifndef SYMID_PLANT_KEY
-#define SYMID_PLANT_KEY ""
-#endif
-
 typedef int (*forward_call)(const double *q, const double *dq, const double *tau, const double *beta, double *ddq);
 typedef int (*friction_call)(const double *dq, const double *f, double *tau_f);
 
@@ -54,11 +50,6 @@ typedef struct {
 
 enum { STATES = 6, ROOT_STEPS = 80 };
 static const double LEAST_SHARE = 1e-9;
-
-const char *symid_plant_key(void)
-{
-    return SYMID_PLANT_KEY;
-}
 
 /* How many numbers of scratch memory a run needs. */
 size_t symid_plant_scratch(size_t n, size_t m)

@@ -10,10 +10,11 @@ import pytest
 from symid.cli.main import run
 from symid.codegen.model_card import build_model_card
 from symid.dynamics.base_parameters import derive_base_parameters
-from symid.identification.elastic.estimate import ElasticEstimate, MethodOutcome, write_elastic_estimate
+from symid.identification.elastic.estimate import ElasticEstimate
 from symid.identification.elastic.routing import build_rigid_variant
 from symid.identification.estimators.estimate import ParameterEstimate, Residual
-from symid.identification.rigid.storage import write_estimate
+from symid.identification.stored import write_fit
+from symid.ipopt import Ending
 from symid.robot.description import FrictionKind, FrictionValues
 from symid.robot.toml_reader import read_robot
 from symid.robot.toml_settings import list_processing
@@ -309,8 +310,8 @@ def test_two_estimates_parameter_by_parameter(capsys, arm, tmp_path):
     shifts = {"ZZR1": 0.05, "Fc1": -0.01}
     theirs = build_estimate(robot, covariance=second, sources=("b.npz",))
     theirs = change_estimate(theirs, shifts, refused=("Fc2", "Fc4"))
-    write_estimate(ours, tmp_path / "ours.json")
-    write_estimate(theirs, tmp_path / "theirs.json")
+    write_fit(ours, tmp_path / "ours.json")
+    write_fit(theirs, tmp_path / "theirs.json")
     code, answer = call(capsys, folder / "arm.toml", tmp_path / "ours.json", tmp_path / "theirs.json")
     (found,) = answer["result"]["others"]
     assert (code, answer["warnings"]) == (0, [])
@@ -335,7 +336,7 @@ def test_estimates_from_the_same_log_are_not_independent(capsys, arm, tmp_path):
     other = dataclasses.replace(same, sources=("copy.npz",), settings=digests)
     ours = dataclasses.replace(ours, settings=digests)
     for path, estimate in (("ours", ours), ("same", same), ("other", other)):
-        write_estimate(estimate, tmp_path / f"{path}.json")
+        write_fit(estimate, tmp_path / f"{path}.json")
     paths = [tmp_path / f"{name}.json" for name in ("ours", "same", "other")]
     code, answer = call(capsys, folder / "arm.toml", *paths)
     assert (code, find_codes(answer)) == (0, ["compare.shared-logs"] * 2)
@@ -368,9 +369,9 @@ def test_what_cannot_be_compared_at_all(capsys, arm, tmp_path):
     folder, robot = arm
     estimate = build_estimate(robot)
     names = [entry.name for entry in estimate.parameters]
-    write_estimate(change_estimate(estimate, refused=names[1:]), tmp_path / "first.json")
-    write_estimate(change_estimate(estimate, refused=names[:1]), tmp_path / "rest.json")
-    write_estimate(change_estimate(estimate, refused=names), tmp_path / "none.json")
+    write_fit(change_estimate(estimate, refused=names[1:]), tmp_path / "first.json")
+    write_fit(change_estimate(estimate, refused=names[:1]), tmp_path / "rest.json")
+    write_fit(change_estimate(estimate, refused=names), tmp_path / "none.json")
     code, answer = call(capsys, folder / "arm.toml", tmp_path / "first.json", tmp_path / "rest.json")
     assert (code, find_codes(answer, "errors")) == (3, ["compare.nothing-common"])
     code, answer = call(capsys, folder / "arm.toml", tmp_path / "first.json", tmp_path / "none.json")
@@ -385,7 +386,7 @@ def test_a_gate_without_any_deviation_cannot_be_passed(capsys, arm, tmp_path):
         parameters=tuple(dataclasses.replace(entry, std=float("inf")) for entry in estimate.parameters),
         covariance=(),
     )
-    write_estimate(unknown, tmp_path / "ours.json")
+    write_fit(unknown, tmp_path / "ours.json")
     table = write_table(tmp_path / "table.csv", [("fv1", 1.0)], "name,value")
     code, answer = call(capsys, folder / "arm.toml", tmp_path / "ours.json", table, "--gate", "3")
     assert (code, find_codes(answer, "errors")) == (1, ["compare.gate"])
@@ -400,7 +401,7 @@ def test_doubts_of_an_estimate_are_passed_on(capsys, arm, tmp_path):
     folder, robot = arm
     doubt = Notice(code="identify.pattern", text="deviations are up to 2.9 times too small")
     estimate = dataclasses.replace(build_estimate(robot), notices=(doubt,))
-    write_estimate(estimate, tmp_path / "ours.json")
+    write_fit(estimate, tmp_path / "ours.json")
     table = write_table(tmp_path / "table.csv", [("fv1", 1.0, 0.1)])
     _, answer = call(capsys, folder / "arm.toml", tmp_path / "ours.json", table)
     assert [(entry["code"], entry["text"]) for entry in answer["warnings"]] == [
@@ -410,9 +411,9 @@ def test_doubts_of_an_estimate_are_passed_on(capsys, arm, tmp_path):
 
 def test_an_estimate_without_covariance_says_so(capsys, arm, tmp_path):
     folder, robot = arm
-    write_estimate(build_estimate(robot), tmp_path / "ours.json")
+    write_fit(build_estimate(robot), tmp_path / "ours.json")
     bare = dataclasses.replace(build_estimate(robot, sources=("other.npz",)), covariance=())
-    write_estimate(bare, tmp_path / "bare.json")
+    write_fit(bare, tmp_path / "bare.json")
     code, answer = call(capsys, folder / "arm.toml", tmp_path / "ours.json", tmp_path / "bare.json")
     assert (code, find_codes(answer)) == (0, ["compare.no-covariance"])
     assert answer["warnings"][0]["file"] == str(tmp_path / "bare.json")
@@ -440,14 +441,14 @@ def store_elastic(robot, path, shift=0.0):
         residual=residual,
         energy=residual[0],
         condition=1.0,
-        outcome=MethodOutcome.SOLVED,
+        outcome=Ending.SOLVED,
         history=(),
         trials=(),
         sources=(f"{path.stem}.npz",),
         settings={"processing": make_plain(list_processing(robot.processing))},
         covariance=tuple(tuple(map(float, row)) for row in STD**2 * np.eye(len(cards))),
     )
-    return write_elastic_estimate(estimate, path)
+    return write_fit(estimate, path)
 
 
 def test_estimates_of_elastic_joints_are_compared_without_their_springs(capsys, robots_folder, tmp_path):

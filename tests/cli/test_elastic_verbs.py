@@ -7,7 +7,7 @@ import pytest
 
 from symid.cli.main import run
 from symid.dynamics.base_parameters import compute_parameter_values, derive_base_parameters
-from symid.identification.elastic.estimate import read_elastic_estimate
+from symid.identification.stored import read_fit
 from symid.robot.toml_reader import read_robot
 
 ROBOT = "two_link_elastic"
@@ -245,7 +245,7 @@ def test_a_friction_of_the_command_line_is_remembered(capsys, folder, tmp_path):
     found = tmp_path / "offset.json"
     friction = ("--friction", "viscous_coulomb_offset", "--method", "elimination")
     do("identify", ROBOT, folder / "ta.npz", *friction, "-o", found)
-    assert read_elastic_estimate(found).friction == ("viscous_coulomb_offset",) * 2
+    assert read_fit(found).friction == ("viscous_coulomb_offset",) * 2
     code, answer = call_json(capsys, "validate", ROBOT, found, folder / "tc.npz")
     assert code == 0
     assert answer["result"]["mean_relative_percent"] < 5.0
@@ -254,7 +254,7 @@ def test_a_friction_of_the_command_line_is_remembered(capsys, folder, tmp_path):
 
 
 def test_the_exported_robot_has_what_was_identified(estimate, exported):
-    found = read_elastic_estimate(estimate)
+    found = read_fit(estimate)
     robot = read_robot(exported)
     assert [joint.elasticity for joint in robot.joints] == [spring.elasticity for spring in found.springs]
     values = compute_parameter_values(robot, derive_base_parameters(robot))

@@ -6,6 +6,7 @@ are all that an estimate knows; the files hold other bodies with the same base v
 
 import json
 import subprocess
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -341,8 +342,7 @@ def test_what_cannot_be_exported_is_refused(capsys, wrist, tmp_path):
 
 
 def test_friction_laws_go_through_a_robot_file(capsys, tmp_path):
-    result = tmp_path / "friction.json"
-    result.write_text('{"format": "symid friction result"}', encoding="utf-8")
+    result = Path(__file__).parents[1] / "data" / "fits" / "friction_1.json"
     code, answer = call(capsys, "export", "two_link", result, "-o", tmp_path / "x.urdf")
     assert (code, answer["errors"][0]["code"]) == (2, "usage.suffix")
     assert "-o new.toml" in answer["errors"][0]["text"]

@@ -21,7 +21,7 @@ from tests.cli.test_identify_friction import (
     save,
     save_axis,
 )
-from tests.unit.friction.cosine_rigs import record
+from tests.unit.identification.friction.cosine_rigs import record
 
 __all__ = ["arm_logs", "axis_log"]
 
@@ -248,7 +248,7 @@ def test_files_of_another_kind_say_what_they_are(capsys, identify, axis_log, tmp
     assert (code, find_codes(answer)) == (2, {"usage.rigid-tracking"})
     code, answer = call_json(capsys, "export", "emps", result, "-o", tmp_path / "x.json")
     assert (code, find_codes(answer)) == (2, {"usage.suffix"})
-    assert json.loads(result.read_text())["format"] == "symid friction result"
+    assert json.loads(result.read_text())["kind"] == "friction"
 
 
 def test_help_says_who_reads_the_result(capsys):

@@ -71,12 +71,11 @@ def test_the_page_has_a_counterpart_of_every_figure(answer):
 
 def test_people_read_the_paper_next_to_ours(monkeypatch):
     # The tables of the terminal and of the page are one text.
-    from symid.report import study_text, study_text as friction_study_tables
+    from symid.report import Table, study_text
 
-    table = friction_study_tables.StudyTable(
-        title="title", names=("who", "estimator"), rows=(("paper", "a"), ("ours", "b")), notes=("n",)
-    )
-    monkeypatch.setattr(friction_study_tables, "list_tables", lambda _: (table,))
+    rows = (("paper", "a"), ("ours", "b"))
+    table = Table(("who", "estimator"), rows, (0, 1), title="title", note="n")
+    monkeypatch.setattr(study_text, "list_tables", lambda _: (table,))
     shown, _ = study_text.show_friction_tables(SimpleNamespace(checks=()))
     assert str(shown).splitlines() == [
         "title",

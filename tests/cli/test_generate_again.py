@@ -110,7 +110,7 @@ def test_another_compiler_runs_the_self_test_again(capsys, made, target, monkeyp
         other = next((name for name in ("clang", "gcc") if shutil.which(name)), None)
         if other is None:
             pytest.skip("wants gcc or clang besides cc")
-        monkeypatch.setattr("symid.codegen.compiler.locate_compiler", lambda *_: locate_compiler(other))
+        monkeypatch.setattr("symid.codegen.generation.locate_compiler", lambda *_: locate_compiler(other))
     code, answer = call(capsys, *order)
     assert (code, answer["result"]["unchanged"]) == (0, False)
 

@@ -42,14 +42,11 @@ def make_compiler(folder, script):
 
 
 def use_compiler(monkeypatch, path):
-    # What takes the function along when it is first imported must have done so before.
-    import symid.codegen.cache
     from symid.codegen.compiler import locate_compiler
 
-    assert symid.codegen.cache.locate_compiler is locate_compiler
     found = locate_compiler(str(path))
     assert found is not None
-    monkeypatch.setattr("symid.codegen.compiler.locate_compiler", lambda *_: found)
+    monkeypatch.setattr("symid.codegen.generation.locate_compiler", lambda *_: found)
 
 
 NO_FILES = 'for a in "$@"; do [ "$a" = -c ] && exit 1; done; exec cc "$@"'
@@ -203,7 +200,7 @@ def test_many_at_once_leave_what_the_last_of_them_made(capsys, tmp_path, project
 
 
 def test_a_run_that_waits_says_so(capfd, tmp_path):
-    from symid.codegen.source_folder import lock_folder
+    from symid.codegen.generation import lock_folder
 
     folder = tmp_path / "code"
     done = []

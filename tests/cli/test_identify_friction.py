@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from symid.cli.main import run
-from tests.unit.friction.cosine_rigs import PLAIN, STRIBECK, record
+from tests.unit.identification.friction.cosine_rigs import PLAIN, STRIBECK, record
 
 LAW = ("--rows", "friction")
 # Logs of the axis are at 250 Hz; the robot file's decimation is for 1 kHz.
@@ -73,7 +73,7 @@ def test_a_law_is_chosen_and_its_parameters_told(capsys, axis_log, tmp_path):
     assert "the rigid part J ddq was fitted along" in out
     assert "Traceback" not in err
     data = json.loads(output.read_text())
-    assert data["format"] == "symid friction result"
+    assert (data["format"], data["kind"]) == ("symid fit", "friction")
     code, answer = call_json(capsys, "report", output, "-o", page)
     assert (code, answer["result"]["robot"]) == (0, "emps")
     text = page.read_text()

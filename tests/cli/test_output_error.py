@@ -38,8 +38,10 @@ def folder(tmp_path_factory, robots_folder):
     (path / "arm.toml").write_text(text + CONTROLLER.format(stiffness=400))
     (path / "soft.toml").write_text(text + CONTROLLER.format(stiffness=280))
     for seed in (1, 2):
-        order = ["simulate", path / "arm.toml", "--seed", seed, "-o", path / f"log{seed}.npz", "-q"]
-        assert run(list(map(str, order))) == 0
+        order = ["simulate", path / "arm.toml", "--duration", 5, "--seed", seed]
+        assert run([*map(str, order), "-o", str(path / f"log{seed}.npz"), "-q"]) == 0
+    order = ["simulate", path / "arm.toml", "--duration", 1, "-o", path / "short.npz", "-q"]
+    assert run(list(map(str, order))) == 0
     return path
 
 
@@ -55,7 +57,7 @@ def test_a_simulated_log_holds_the_reference(capsys, folder):
         assert {"q_ref", "dq_ref"} <= set(log)
         assert log["q_ref"].shape == log["q"].shape
     out = folder / "again.npz"
-    _, answer = call(capsys, "simulate", folder / "arm.toml", "--seed", "1", "-o", out, "--force")
+    _, answer = call(capsys, "simulate", folder / "arm.toml", "--duration", "1", "-o", out)
     assert answer["result"]["controller"]["stiffness"] == [400.0, 60.0]
     assert answer["result"]["controller"]["torque"] == "average"
 
@@ -156,7 +158,7 @@ def test_a_robot_with_springs_is_refused(capsys, tmp_path):
 
 def test_an_unstable_loop_is_told_in_words(capsys, folder):
     gains = ("--set", "controller.stiffness=[4e7, 6e6]")
-    order = ("identify", folder / "arm.toml", folder / "log1.npz", "--estimator", "output-error", *gains)
+    order = ("identify", folder / "arm.toml", folder / "short.npz", "--estimator", "output-error", *gains)
     code, answer = call(capsys, *order)
     assert code not in (0, 1)
     assert find_codes(answer) & {"solver.controlled-robot", "simulate.chatter"}

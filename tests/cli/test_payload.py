@@ -9,9 +9,11 @@ import pytest
 from symid.cli.main import run
 from symid.codegen.model_card import build_model_card
 from symid.dynamics.base_parameters import derive_base_parameters
-from symid.identification.elastic.estimate import ElasticEstimate, MethodOutcome, write_elastic_estimate
+from symid.identification.elastic.estimate import ElasticEstimate
 from symid.identification.elastic.routing import build_rigid_variant
 from symid.identification.estimators.estimate import ParameterEstimate, Residual
+from symid.identification.stored import write_fit
+from symid.ipopt import Ending
 from symid.robot.description import FrictionKind, FrictionValues
 from symid.robot.inertia import compute_standard_parameters
 from symid.robot.toml_reader import read_robot
@@ -258,7 +260,7 @@ def build_elastic_estimate(robot):
         residual=residual,
         energy=residual[0],
         condition=1.0,
-        outcome=MethodOutcome.SOLVED,
+        outcome=Ending.SOLVED,
         history=(),
         trials=(),
         sources=("log.npz",),
@@ -269,8 +271,8 @@ def build_elastic_estimate(robot):
 
 def test_estimates_of_elastic_joints_give_the_payload(capsys, tmp_path, robots_folder):
     robot = read_robot(robots_folder / "two_link_elastic.toml")
-    empty = write_elastic_estimate(build_elastic_estimate(robot), tmp_path / "empty.json")
-    loaded = write_elastic_estimate(build_elastic_estimate(add_payload(robot)), tmp_path / "loaded.json")
+    empty = write_fit(build_elastic_estimate(robot), tmp_path / "empty.json")
+    loaded = write_fit(build_elastic_estimate(add_payload(robot)), tmp_path / "loaded.json")
     code, answer = call(capsys, "payload", "two_link_elastic", loaded, "--empty", empty)
     assert code == 0, answer
     assert answer["result"]["mass"] == pytest.approx(MASS, rel=1e-6)

@@ -8,13 +8,10 @@ import pytest
 
 from symid.cli.main import run
 from symid.codegen.cache import prepare_library
-from symid.identification.elastic.estimate import (
-    ElasticEstimate,
-    MethodOutcome,
-    SpringEstimate,
-    write_elastic_estimate,
-)
+from symid.identification.elastic.estimate import ElasticEstimate, SpringEstimate
 from symid.identification.estimators.estimate import ParameterEstimate, Residual
+from symid.identification.stored import write_fit
+from symid.ipopt import Ending
 from symid.robot.loading import load_robot
 from symid.robot.toml_settings import describe_settings
 
@@ -67,7 +64,7 @@ def estimate():
         residual=residuals,
         energy=replace(residuals[0], joint="all joints", unit="J"),
         condition=20.0,
-        outcome=MethodOutcome.SOLVED,
+        outcome=Ending.SOLVED,
         history=(),
         trials=(),
         sources=("training.npz",),
@@ -77,7 +74,7 @@ def estimate():
 
 @pytest.fixture
 def found(estimate, tmp_path):
-    return write_elastic_estimate(estimate, tmp_path / "estimate.json")
+    return write_fit(estimate, tmp_path / "estimate.json")
 
 
 @pytest.fixture
@@ -113,7 +110,7 @@ def test_a_page_with_a_log_has_its_loops(capsys, found, log, tmp_path):
 
 
 def test_an_estimate_of_another_model_is_refused(capsys, estimate, log, tmp_path):
-    other = write_elastic_estimate(replace(estimate, signature="0" * 64), tmp_path / "other.json")
+    other = write_fit(replace(estimate, signature="0" * 64), tmp_path / "other.json")
     code, answer = call_json(capsys, "report", other, "--validation", log, "-o", tmp_path / "a.html")
     assert code != 0
     assert answer["errors"][0]["code"] == "estimate.signature"
@@ -121,7 +118,7 @@ def test_an_estimate_of_another_model_is_refused(capsys, estimate, log, tmp_path
 
 
 def test_an_unknown_robot_is_named_with_its_option(capsys, estimate, log, tmp_path):
-    other = write_elastic_estimate(replace(estimate, robot="nobody"), tmp_path / "other.json")
+    other = write_fit(replace(estimate, robot="nobody"), tmp_path / "other.json")
     code, answer = call_json(capsys, "report", other, "--validation", log, "-o", tmp_path / "a.html")
     assert code != 0
     assert "--robot FILE.toml" in answer["errors"][0]["text"]
@@ -140,7 +137,7 @@ def test_a_log_of_one_encoder_is_refused(capsys, found, log, tmp_path):
 
 def test_the_log_is_read_as_the_logs_of_the_fit_were(capsys, estimate, log, tmp_path):
     settings = {**estimate.settings, "log": {"torque": {"columns": ["tau"], "unit": "mN m"}}}
-    other = write_elastic_estimate(replace(estimate, settings=settings), tmp_path / "other.json")
+    other = write_fit(replace(estimate, settings=settings), tmp_path / "other.json")
     code, answer = call_json(capsys, "report", other, "--validation", log, "-o", tmp_path / "a.html")
     assert code == 0
     assert "was multiplied by 0.001" in (tmp_path / "a.html").read_text(encoding="utf-8")

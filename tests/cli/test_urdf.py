@@ -7,7 +7,7 @@ import pytest
 
 from symid.cli.main import run
 from symid.robot.urdf_writer import write_urdf
-from tests.chains import PANDA, draw_parameters
+from tests.chains import PANDA, draw_parameters, set_inertia
 
 
 def call_json(capsys, *arguments):
@@ -20,7 +20,9 @@ def call_json(capsys, *arguments):
 def urdf(tmp_path):
     """Return the path of a URDF of the Panda."""
     path = tmp_path / "panda.urdf"
-    path.write_text(write_urdf(PANDA, draw_parameters(np.random.default_rng(1), 7)), encoding="utf-8")
+    path.write_text(
+        write_urdf(set_inertia(PANDA, draw_parameters(np.random.default_rng(1), 7))), encoding="utf-8"
+    )
     return path
 
 

@@ -81,12 +81,7 @@ def test_generate(capsys, tmp_path, target):
 
 
 def test_generate_says_when_there_is_no_compiler(capsys, tmp_path, monkeypatch):
-    # What takes the function along when it is first imported must have done so before.
-    import symid.codegen.cache
-    import symid.codegen.compiler
-
-    assert symid.codegen.cache.locate_compiler is symid.codegen.compiler.locate_compiler
-    monkeypatch.setattr("symid.codegen.compiler.locate_compiler", lambda *_: None)
+    monkeypatch.setattr("symid.codegen.generation.locate_compiler", lambda *_: None)
     code, answer = call_json(capsys, "generate", "emps", "-o", tmp_path / "code")
     assert code == 0
     assert [entry["code"] for entry in answer["warnings"]] == ["generate.selftest-not-run"]
@@ -269,37 +264,11 @@ def test_doctor(capsys):
 
 
 def test_doctor_says_what_is_missing(capsys, monkeypatch):
-    monkeypatch.setattr("symid.identification.installation._PACKAGES", ("click", "no-such-package-here"))
+    monkeypatch.setattr("symid.api.installation._PACKAGES", ("click", "no-such-package-here"))
     code, answer = call_json(capsys, "doctor")
     assert code == 1
     assert answer["errors"][0]["code"] == "doctor.missing"
     assert "pip install" in answer["errors"][0]["text"]
-
-
-def test_demo_ends_well(capsys, tmp_path):
-    folder = tmp_path / "demo"
-    code, answer = call_json(capsys, "demo", "-o", folder)
-    assert code == 0, answer
-    result = answer["result"]
-    for entry in result["estimate"]["parameters"]:
-        assert abs(entry["value"] - entry["truth"]) <= max(0.02 * abs(entry["truth"]), 5 * entry["std"])
-    assert result["errors"]["automatic"]["hysteresis_percent"] < 1.0
-    rigid, together, apart = result["tracking_rms"].values()
-    assert max(together) < 1e-2 * min(rigid)
-    assert max(together) < min(apart)
-    assert (folder / "report.html").is_file()
-    assert run(["check", str(folder / "identified.toml"), "-q"]) == 0
-    capsys.readouterr()
-    code, answer = call_json(capsys, "demo", "-o", folder)
-    assert code == 3
-    assert answer["errors"][0]["code"] == "output.foreign-folder"
-
-
-def test_demo_does_not_hide_a_bad_end(capsys, tmp_path, monkeypatch):
-    monkeypatch.setattr("symid.api.first_steps._MOST_PARAMETERS", 1e-9)
-    code, answer = call_json(capsys, "demo", "-o", tmp_path / "demo")
-    assert code == 1
-    assert "demo.off-truth" in {entry["code"] for entry in answer["errors"]}
 
 
 @pytest.mark.parametrize("rows", ["momentum", "energy"])

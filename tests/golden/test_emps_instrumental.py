@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from symid.codegen.cache import prepare_library
-from symid.identification.rigid.closed_loop_estimate import identify_instrumental
+from symid.identification.rigid.closed_loop_estimate import identify_closed_loop
 from symid.identification.rigid.fit import identify_parameters
 from symid.logs.reader import read_recording
 from symid.robot.description import Decimation
@@ -36,7 +36,7 @@ def recording(shared_data, robot):
 
 
 def test_values_are_those_that_were_published(robot, library, recording):
-    found = identify_instrumental(robot, library, [recording])
+    found = identify_closed_loop("instrumental", robot, library, [recording])
     deviations = np.array([entry.std for entry in found.parameters])
     values = found.assemble(NAMES)
     assert np.all(np.abs(values - PUBLISHED) < 0.5 * deviations)
@@ -52,9 +52,9 @@ def test_values_are_those_that_were_published(robot, library, recording):
 def test_without_decimation_wls_loses_mass_and_this_does_not(robot, library, recording):
     """Every sample of positions that pass 450 Hz: noise of accelerations draws the mass of wls down."""
     raw = replace(robot.processing, filter_cutoff=450.0, decimation=Decimation())
-    found = identify_instrumental(replace(robot, processing=raw), library, [recording])
+    found = identify_closed_loop("instrumental", replace(robot, processing=raw), library, [recording])
     usual = identify_parameters(library, [recording], raw, estimator="wls")
-    best = identify_instrumental(robot, library, [recording])
+    best = identify_closed_loop("instrumental", robot, library, [recording])
     expected, deviation = best.assemble(("M1",))[0], best.parameters[0].std
     assert abs(found.assemble(("M1",))[0] - expected) < deviation
     assert usual.assemble(("M1",))[0] < expected - deviation

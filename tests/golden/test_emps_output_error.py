@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from symid.codegen.cache import prepare_library
+from symid.codegen.library import Library
 from symid.identification.rigid.closed_loop import (
-    ValuedLibrary,
     build_closed_loop,
     compute_demand,
     set_card_values,
 )
-from symid.identification.rigid.closed_loop_estimate import identify_output_error
+from symid.identification.rigid.closed_loop_estimate import identify_closed_loop
 from symid.identification.rigid.fit import identify_parameters
 from symid.identification.rigid.validation import validate_estimate
 from symid.logs.reader import read_recording
@@ -48,12 +48,12 @@ def recordings(shared_data, robot):
 
 @pytest.fixture(scope="module")
 def estimate(robot, library, recordings):
-    return identify_output_error(robot, library, recordings[:1])
+    return identify_closed_loop("output-error", robot, library, recordings[:1])
 
 
 def forecast(library, values, recording):
     """Return the root mean square error in m of positions that follow from the logged forces alone."""
-    plant = RigidPlant(ValuedLibrary(inner=library, card=set_card_values(library.card, values)))
+    plant = RigidPlant(Library(set_card_values(library.card, values), library.engine))
     speed = np.polyfit(recording.time[:GIVEN], recording.position[:GIVEN, 0], 1)[0]
     state = RigidPlantState(
         q=recording.position[0].copy(), dq=np.array([speed]), modes=(int(np.sign(speed)),)
@@ -82,7 +82,7 @@ def test_the_stated_controller_gives_the_logged_commands(robot, recordings):
 
 def test_what_a_log_of_forces_gives_is_what_was_published(robot, library, recordings):
     forces = replace(robot, controller=replace(robot.controller, torque="average"))
-    found = identify_output_error(forces, library, recordings[:1])
+    found = identify_closed_loop("output-error", forces, library, recordings[:1])
     deviations = np.array([entry.std for entry in found.parameters])
     values = found.assemble(NAMES)
     assert np.all(np.abs(values - PUBLISHED) < 3.0 * deviations)
@@ -104,8 +104,8 @@ def test_a_log_of_commands_is_half_a_period_away(estimate, robot, library, recor
 def test_pulses_that_no_one_told_of_are_noticed_and_told_ones_are_not(robot, library, recordings):
     unseen = recordings[1]
     pulses = 35.15065188 * unseen.extras["pulses_N"].reshape(-1, 1)
-    silent = identify_output_error(robot, library, [unseen])
-    told = identify_output_error(robot, library, [replace(unseen, feedforward=pulses)])
+    silent = identify_closed_loop("output-error", robot, library, [unseen])
+    told = identify_closed_loop("output-error", robot, library, [replace(unseen, feedforward=pulses)])
     assert any(notice.code == "identify.tracking" for notice in silent.notices)
     assert not any(notice.code == "identify.tracking" for notice in told.notices)
     assert silent.mean_relative_percent > 30.0

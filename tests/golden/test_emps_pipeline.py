@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from symid.logs.reader import read_recording
-from symid.logs.signals import decimate_columns, prepare_signals
+from symid.logs.signals import decimate, prepare_signals
 from symid.robot.description import Decimation, Joint, JointKind, LogMap, LogQuantity, Processing, Robot
 from symid.robot.geometry import IDENTITY
 
@@ -40,7 +40,7 @@ def build_matrix(recording, *, asymmetric):
         columns = [ddq, dq * up, 1.0 * up, dq * down, -1.0 * down]
     else:
         columns = [ddq, dq, np.sign(dq), np.ones_like(dq)]
-    rows = decimate_columns(np.column_stack([*columns, signals.tau[:, 0]]), PROCESSING.decimation)
+    rows = decimate(np.column_stack([*columns, signals.tau[:, 0]]), PROCESSING.decimation)
     return rows[:, :-1], rows[:, -1]
 
 

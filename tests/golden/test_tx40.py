@@ -19,7 +19,6 @@ from symid.cli.main import run
 from symid.codegen.cache import prepare_library
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.dynamics.regrouping import (
-    derive_regrouping,
     evaluate_regrouping,
     express_group,
     list_coupled_readings,
@@ -27,9 +26,10 @@ from symid.dynamics.regrouping import (
 )
 from symid.identification.diagnostics.torque_prediction import compute_band_residual, predict_torques
 from symid.identification.rigid.fit import identify_parameters
-from symid.identification.rigid.storage import write_estimate
+from symid.identification.stored import write_fit
 from symid.logs.reader import read_recording
 from symid.robot.toml_reader import read_robot
+from tests.regroupings import derive_regrouping
 
 # The published columns of motor 6 hold what couples joints 5 and 6 only; what it adds to each joint alone is
 # in the parameters of that joint.
@@ -168,7 +168,7 @@ def test_published_groups_are_ours_mapped_for_any_robot(tx40, published):
 
 
 def compare(capsys, tmp_path, shared_data, estimate, column, *options):
-    path = write_estimate(estimate, tmp_path / f"{column}.json")
+    path = write_fit(estimate, tmp_path / f"{column}.json")
     table = shared_data / "tx40" / "published.csv"
     code = run(["compare", "tx40", str(path), str(table), "--value", column, *options, "--json"])
     answer = json.loads(capsys.readouterr().out)

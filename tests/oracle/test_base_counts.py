@@ -8,13 +8,12 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from sympy import QQ, Matrix
 
-from symid.dynamics.algebra import FloatAlgebra, build_float_state
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.dynamics.exact_algebra import reduce_rows
 from symid.dynamics.lagrange import derive_energy
 from symid.dynamics.recursion import build_recursion
 from symid.dynamics.regressors import compute_torque_columns
-from symid.joint_models.friction_law import build_numpy_carrier
+from symid.joint_models.carriers import build_numpy_carrier
 from symid.joint_models.friction_models import FRICTION_MODELS
 from symid.notation import INERTIAL
 from symid.robot.description import FrictionKind
@@ -31,6 +30,7 @@ from tests.chains import (
     order_regressor,
     trees,
 )
+from tests.float_algebra import FloatAlgebra, build_float_state
 
 # Any angle is right for drives and friction; right angles keep the field small.
 RIGHT_ANGLES = st.sampled_from([0.0, PI / 2, -PI / 2, PI])

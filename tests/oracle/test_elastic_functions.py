@@ -28,6 +28,7 @@ from symid.joint_models.prandtl_ishlinskii import (
 )
 from symid.robot.elasticity import Elasticity, Knee, Stop
 from symid.robot.toml_reader import parse_robot, read_robot
+from tests.sx_programs import read_sx_program
 
 NAMES = ("inverse_dynamics", "friction", "hysteresis_step", "hysteresis_inverse_step")
 ALL = (*NAMES, "elastic_inverse_dynamics")
@@ -362,7 +363,6 @@ def test_nan_goes_through(arm, build):
 
 
 def test_maxima_are_read_from_casadi():
-    from symid.codegen.casadi_functions import read_sx_program
     from symid.codegen.functions import FunctionSpec, Port
     from symid.codegen.programs import Op
 

@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from sympy import QQ
 
-from symid.dynamics.exact_algebra import PointAlgebra, build_exact_state, build_point_state
+from symid.dynamics.algebra import build_state
+from symid.dynamics.exact_algebra import PointAlgebra
 from symid.dynamics.lagrange import (
     derive_energy,
     derive_lagrange_columns,
@@ -51,7 +52,7 @@ def assert_identical(robot):
     """All four regressors as polynomials in normal form: equal functions are equal objects."""
     energy = derive_energy(robot)
     algebra, keys = energy.algebra, energy.keys
-    state = build_exact_state(robot, algebra)
+    state = build_state(robot, algebra, algebra.generators)
     recursion = build_recursion(robot, algebra, state)
     torque = derive_torque_columns(energy, keys)
     assert torque == fold_columns(robot, algebra, compute_torque_columns(recursion, keys))
@@ -87,7 +88,7 @@ def test_lagrange_equals_newton_euler_at_rational_points(robot, seed):
     energy = derive_energy(robot)
     from_energy = evaluate_torque_columns(energy, energy.keys, values)
     algebra = PointAlgebra(QQ, values)
-    state = build_point_state(robot, algebra, values)
+    state = build_state(robot, algebra, values)
     by_recursion = compute_torque_columns(build_recursion(robot, algebra, state), energy.keys)
     assert from_energy == fold_columns(robot, algebra, by_recursion)
     assert any(entry for column in from_energy.values() for entry in column)
@@ -116,7 +117,7 @@ def test_identity_at_rational_points_with_followers_couplings_and_springs(robot,
     domain = energy.algebra.ring.domain
     values = {name: domain.convert(value) for name, value in values.items()}
     algebra = PointAlgebra(domain, values)
-    recursion = build_recursion(robot, algebra, build_point_state(robot, algebra, values))
+    recursion = build_recursion(robot, algebra, build_state(robot, algebra, values))
     from_energy = evaluate_torque_columns(energy, energy.keys, values)
     assert from_energy == fold_columns(robot, algebra, compute_torque_columns(recursion, energy.keys))
 

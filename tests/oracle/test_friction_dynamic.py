@@ -11,6 +11,7 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 from symid.errors import SolverError, UsageError
+from symid.joint_models.carriers import build_float_carrier
 from symid.joint_models.dynamic_friction import (
     build_held_path,
     compute_bristle_rate,
@@ -21,7 +22,6 @@ from symid.joint_models.dynamic_friction import (
     is_passive,
     simulate_dynamic_friction,
 )
-from symid.joint_models.friction_law import build_float_carrier
 from symid.simulation.friction_rig import (
     ForceDrive,
     PositionControl,

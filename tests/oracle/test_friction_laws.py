@@ -9,8 +9,9 @@ import pytest
 
 from symid.codegen.c_friction import build_law_program, generate_friction_laws
 from symid.codegen.compiler import locate_compiler
+from symid.joint_models.carriers import OperatorCarrier
 from symid.joint_models.friction_catalogue import FRICTION_LAWS, get_law, with_offset
-from symid.joint_models.friction_law import OperatorFriction, compute_columns
+from symid.joint_models.friction_law import compute_columns
 
 STRICT = "-std=c99 -O2 -fPIC -shared -Wall -Wextra -Wpedantic -Wconversion -Wshadow -Wdouble-promotion"
 FURTHER = ("stribeck-2.09", "improved-stribeck-h4-exponent", "position-dependent-1,3x100.5")
@@ -21,7 +22,7 @@ LAWS = (
     get_law("stribeck", smoothing=0.02),
     get_law("asymmetric", smoothing=0.003),
 )
-EXACT = OperatorFriction(
+EXACT = OperatorCarrier(
     zero=mpmath.mpf(0),
     one=mpmath.mpf(1),
     exp=mpmath.exp,

@@ -6,8 +6,9 @@ from hypothesis import given, settings, strategies as st
 from sympy import QQ
 
 from symid.codegen.casadi_functions import build_functions
+from symid.dynamics.algebra import build_state
 from symid.dynamics.base_parameters import derive_base_parameters
-from symid.dynamics.exact_algebra import PointAlgebra, build_point_state, choose_domain
+from symid.dynamics.exact_algebra import PointAlgebra, choose_domain
 from symid.dynamics.lagrange import derive_energy, evaluate_torque_columns
 from symid.dynamics.recursion import build_recursion
 from symid.dynamics.regressors import compute_lagrange_columns, compute_momentum_columns
@@ -45,7 +46,7 @@ def check(robot, seed):
     assert_close(kinetic, [float(evaluate(energy.kinetic[key], values)) for key in keys])
     assert_close(potential, [float(evaluate(energy.potential[key], values)) for key in keys])
     algebra = PointAlgebra(choose_domain(robot), values)
-    recursion = build_recursion(robot, algebra, build_point_state(robot, algebra, values))
+    recursion = build_recursion(robot, algebra, build_state(robot, algebra, values))
 
     def stack(columns):
         return np.array([[float(entry) for entry in columns[key]] for key in keys]).T

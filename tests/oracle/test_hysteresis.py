@@ -14,13 +14,13 @@ import sympy
 from hypothesis import given, settings
 
 from symid.errors import RobotError
+from symid.joint_models.carriers import OperatorCarrier
 from symid.joint_models.hysteresis import (
-    OperatorCarrier,
     Plays,
     SpringTerms,
     advance_inverse_spring,
     advance_spring,
-    compute_stop,
+    compute_play,
     convert_to_normal_form,
     invert_plays_memory,
     invert_spring,
@@ -30,8 +30,6 @@ from symid.joint_models.prandtl_ishlinskii import (
     build_play_model,
     build_stops,
     compute_branch,
-    compute_compliance_dissipation,
-    compute_compliance_energy,
     compute_cycle_loss,
     compute_dissipation,
     compute_first_curve,
@@ -233,8 +231,12 @@ def test_v6_work_is_energy_stored_and_lost(elasticity):
 def test_v6_for_a_compliance():
     model = PlayModel(weights=(1.0, 0.3, 0.2), thresholds=(0.5, 1.2))
     torque, memory = wander(8, 30, 3.0), np.array([0.2, 0.5])
-    stored = compute_compliance_energy(model, torque, memory)
-    lost = compute_compliance_dissipation(model, torque, memory)
+    weights, radii = np.array(model.weights), np.array(model.thresholds)
+    plays = compute_plays(torque, radii, memory)
+    # Stored: sum of w_i P_i^2 / 2. Lost: sum of w_i r_i int |dP_i|.
+    stored = 0.5 * np.column_stack([torque, plays]) ** 2 @ weights
+    ways = np.abs(np.diff(plays, axis=0, prepend=plays[:1]))
+    lost = np.cumsum(ways @ (weights[1:] * radii))
     _, work = integrate(lambda x: compute_play_output(model, x, memory), torque)
     np.testing.assert_allclose(stored - stored[0] + lost, work, rtol=0, atol=1e-7 * np.abs(work).max())
     assert np.all(np.diff(lost) >= 0)
@@ -404,7 +406,7 @@ def test_a_step_can_be_printed():
     assert play == sympy.Max(phi - r1, sympy.Min(p1, phi + r1))
     assert torque == k0 * phi + k1 * (phi - play)
     assert r"\max" in sympy.latex(play)
-    assert compute_stop(EXACT, Fraction(3), Fraction(1), Fraction(0)) == 1
+    assert Fraction(3) - compute_play(EXACT, Fraction(3), Fraction(1), Fraction(0)) == 1
 
 
 def test_what_is_refused():

@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given, settings
 
 from symid.codegen.casadi_functions import build_functions
-from symid.dynamics.algebra import FloatAlgebra, build_float_state
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.dynamics.lagrange import derive_energy, evaluate_torque_columns
 from symid.dynamics.recursion import build_recursion
@@ -23,6 +22,7 @@ from tests.chains import (
     order_regressor,
     trees,
 )
+from tests.float_algebra import FloatAlgebra, build_float_state
 
 ROBOTS = [TWO_LINK, PUMA560, PANDA, STANFORD]
 

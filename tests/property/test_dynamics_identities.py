@@ -12,7 +12,6 @@ import pinocchio as pin
 from hypothesis import given, settings, strategies as st
 
 from symid.codegen.casadi_functions import build_functions
-from symid.dynamics.algebra import FloatAlgebra, build_float_state
 from symid.dynamics.base_parameters import build_standard_parameters, derive_base_parameters
 from symid.dynamics.bodies import compute_drive_energy, compute_mass_matrix, list_drive_parameters
 from symid.dynamics.newton_euler import compute_inverse_dynamics
@@ -40,6 +39,7 @@ from tests.chains import (
     spread,
     trees,
 )
+from tests.float_algebra import FloatAlgebra, build_float_state
 
 STEP = 1e-30
 TREES = trees(

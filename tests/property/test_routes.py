@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 
-from symid.codegen.casadi_functions import build_functions, read_sx_program
+from symid.codegen.casadi_functions import build_functions
 from symid.codegen.catalogue import ElasticSizes, list_robot_specs, list_specs
 from symid.codegen.printing import print_c
 from symid.codegen.programs import count_operations
@@ -29,6 +29,7 @@ from tests.chains import (
     run_program,
     trees,
 )
+from tests.sx_programs import read_sx_program
 
 RANGES = {"q": 3.0, "dq": 2.0, "ddq": 5.0, "dqr": 2.0, "ddqr": 5.0, "tau": 20.0}
 SEVERAL = tuple(name for name, routes in ROUTES.items() if len(routes) > 1)

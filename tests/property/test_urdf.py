@@ -10,8 +10,8 @@ from symid.errors import RobotError
 from symid.robot.description import JointKind
 from symid.robot.urdf_reader import parse_urdf
 from symid.robot.urdf_writer import write_urdf
-from tests.chains import build_pinocchio, draw_parameters, trees
-from tests.unit.formats.test_urdf import ARM
+from tests.chains import build_pinocchio, draw_parameters, set_inertia, trees
+from tests.unit.robot.test_urdf import ARM
 from tests.urdfs import draw_urdf, find_factors, find_largest_gap, find_positions, find_torques
 
 PIECES = (
@@ -54,7 +54,7 @@ PIECES = (
 def test_what_is_written_and_read_is_what_pinocchio_reads(robot, seed):
     rng = np.random.default_rng(seed)
     values = draw_parameters(rng, robot.size)
-    text = write_urdf(robot, values)
+    text = write_urdf(set_inertia(robot, values))
     back = parse_urdf(text)
     theirs = pin.buildModelFromXML(text)
     filled = np.array([joint.inertial for joint in back.joints])

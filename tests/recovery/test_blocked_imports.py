@@ -25,11 +25,12 @@ import numpy as np
 from symid.codegen.cache import prepare_library
 from symid.logs.recording import Recording
 from symid.identification.rigid.fit import identify_parameters
-from symid.identification.rigid.storage import write_estimate
 from symid.identification.rigid.validation import validate_estimate
-from symid.report.identification_page import write_report
+from symid.report.identification_page import build_identification_page
+from symid.report.pages import write_page
 from symid.robot.description import Processing
 from symid.robot.toml_reader import read_robot
+from symid.identification.stored import write_fit
 from tests.recovery.closed_form import sample_states
 
 library = prepare_library(read_robot(Path(sys.argv[1])))
@@ -45,8 +46,8 @@ for seed in (0, 1):
 processing = Processing(drop_first=5, drop_last=5)
 estimate = identify_parameters(library, logs[:1], processing, rows=sys.argv[3])
 validation = validate_estimate(estimate, library, logs[1], processing)
-write_estimate(estimate, Path(sys.argv[2]) / "estimate.json")
-write_report(Path(sys.argv[2]) / "report.html", estimate, (validation,))
+write_fit(estimate, Path(sys.argv[2]) / "estimate.json")
+write_page(Path(sys.argv[2]) / "report.html", build_identification_page(estimate, (validation,)))
 found = estimate.assemble(tuple(p.name for p in card.beta + card.friction))
 loaded = sorted({name.partition(".")[0] for name in sys.modules} & {"sympy", "casadi"})
 print(json.dumps({"error": float(abs(found - truth).max()), "loaded": loaded}))

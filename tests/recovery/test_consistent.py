@@ -7,11 +7,17 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from symid.codegen.cache import prepare_library
+from symid.dynamics import compute_cost, compute_errors, nearest_bodies
 from symid.dynamics.pseudo_inertia import PSEUDO_INERTIA_FORMS, build_pseudo_inertias
 from symid.errors import SolverError
-from symid.identification.estimators import consistent, consistent as consistent_newton
-from symid.identification.estimators.consistent import fit_consistent, solve_consistent
-from symid.identification.estimators.consistent_problem import LOOSE, build_bodies, build_cost
+from symid.identification.estimators import consistent
+from symid.identification.estimators.consistent import (
+    LOOSE,
+    build_bodies,
+    build_cost,
+    fit_consistent,
+    solve_consistent,
+)
 from symid.identification.estimators.least_squares import fit_wls
 from symid.identification.estimators.linear_estimators import EstimatorOptions
 from symid.identification.regression.equations import Rows
@@ -108,33 +114,6 @@ def test_friction_never_drives(bodies):
     assert -1e-9 < fit.values[bodies.names.index("Fc1")] < 1e-3
 
 
-def test_derivatives_of_the_cost_are_those_of_differences(bodies):
-    rng = np.random.default_rng(3)
-    size = len(bodies.names)
-    triangle = np.triu(rng.normal(size=(size, size + 1)))
-    cost = build_cost(triangle, draw_truth(bodies, 3), bodies, 0.1)
-    inner = np.tril(0.2 * rng.normal(size=(2, 4, 4))) + np.eye(4)
-    cost = cost.recentre(inner, np.ones(0))
-    z = cost.centre + 0.3 * rng.normal(size=len(cost.centre))
-    steps = 1e-6 * np.eye(len(z))
-    slope = np.array([(cost.find_value(z + h) - cost.find_value(z - h)) / 2e-6 for h in steps])
-    bend = np.array([(cost.find_gradient(z + h) - cost.find_gradient(z - h)) / 2e-6 for h in steps])
-    gradient, hessian = cost.find_gradient(z), cost.find_hessian(z)
-    np.testing.assert_allclose(gradient, slope, atol=1e-6 * np.abs(gradient).max())
-    np.testing.assert_allclose(hessian, bend, atol=1e-6 * np.abs(hessian).max())
-
-
-def test_a_far_start_ends_at_the_same_bodies(bodies):
-    truth = draw_truth(bodies, 4)
-    truth[bodies.names.index("ZZ2")] *= -0.5
-    rows = make_rows(bodies, truth, 0.05)
-    free = fit_wls(rows, analyse_identifiability(rows))
-    triangle = np.linalg.qr(np.column_stack([rows.matrix, rows.values]), mode="r") / 0.05
-    near = solve_consistent(triangle, free.values, bodies)
-    far = solve_consistent(triangle, free.values, bodies, start=np.zeros(len(near.unknowns)))
-    np.testing.assert_allclose(far.values, near.values, atol=1e-5 * np.abs(near.values).max())
-
-
 def scale_triangle(rows, free):
     """Return the triangle of the weighted rows over the deviation of their noise."""
     weighted = free.residuals * free.weights
@@ -146,29 +125,25 @@ def scale_triangle(rows, free):
 def minimise_by_cones(cost, triangle, bodies, near):
     """Return clarabel's answer, unknowns scaled about those of `near`, and the cost there, written anew."""
     expected = cost.roots @ cost.roots.transpose(0, 2, 1)
-    units = np.ones(cost.positive.shape[1])
-    rotors = np.array([column[column > 0.0].max() for column in cost.positive.T])
-    rotors = rotors / [column[column > 0.0].max() for column in bodies.positive.T] if len(rotors) else units
-    factors, found, _ = cost.split(near)
     theirs = solve_with_distance(
         triangle,
         bodies,
         expected,
-        cost.weight,
-        about=cost.roots @ factors,
-        units=rotors * found,
-        rotors=rotors,
+        cost.problem.weight,
+        about=cost.roots @ near.factors,
+        units=cost.rotors * near.positive,
+        rotors=cost.rotors,
         loose=LOOSE,
-        middle=cost.middle,
+        middle=cost.problem.middle,
     )
     inverse = np.linalg.inv(cost.roots)
     scaled = inverse @ theirs.bodies @ inverse.transpose(0, 2, 1)
     distance = np.trace(scaled, axis1=1, axis2=2) - np.linalg.slogdet(scaled)[1] - 4.0
-    ratio = theirs.positive / rotors
-    errors = cost.triangle @ np.append(theirs.values, -1.0)
+    ratio = theirs.positive / cost.rotors
+    errors = triangle[:, :-1] @ theirs.values - cost.problem.target
     apart = distance.sum() + (ratio - np.log(ratio) - 1.0).sum()
-    off = theirs.loose - cost.middle
-    return theirs, 0.5 * errors @ errors + cost.weight * apart + 0.5 * LOOSE * off @ off
+    off = theirs.loose - cost.problem.middle
+    return theirs, 0.5 * errors @ errors + cost.problem.weight * apart + 0.5 * LOOSE * off @ off
 
 
 @pytest.fixture(scope="module")
@@ -191,11 +166,12 @@ def test_the_optimum_is_that_of_a_cone_program_with_the_same_distance(
     monkeypatch.setattr(consistent, "_WEIGHT", weight)
     ours = solve_consistent(triangle, free.values, bodies)
     cost = build_cost(triangle, free.values, bodies, ours.weight)
-    theirs, least = minimise_by_cones(cost, triangle, bodies, ours.unknowns)
-    assert cost.find_value(ours.unknowns) == pytest.approx(least, rel=1e-7)
+    theirs, least = minimise_by_cones(cost, triangle, bodies, ours.nearest)
+    assert compute_cost(cost.problem, ours.nearest) == pytest.approx(least, rel=1e-7)
     deviations = np.sqrt(np.diag(free.covariance))
     np.testing.assert_allclose(ours.values / deviations, theirs.values / deviations, atol=1e-3)
-    np.testing.assert_allclose(cost.find_values(ours.unknowns), ours.values, rtol=1e-9, atol=1e-12)
+    errors = triangle[:, :-1] @ ours.values - cost.problem.target
+    np.testing.assert_allclose(compute_errors(cost.problem, ours.nearest), errors, rtol=1e-7, atol=1e-9)
 
 
 def test_the_price_is_that_of_a_program_over_matrix_inequalities(bodies, contradicted, monkeypatch):
@@ -243,49 +219,20 @@ def make_driven_rows(bodies):
 
 
 def test_an_optimum_that_is_not_reached_is_an_error(bodies, monkeypatch):
-    monkeypatch.setattr(consistent, "_LIMIT", 0)
-    monkeypatch.setattr(consistent_newton, "_LIMIT", 5)
+    monkeypatch.setattr(nearest_bodies, "_LIMIT", 5)
     rows = make_driven_rows(bodies)
     with pytest.raises(SolverError) as caught:
         fit_consistent(rows, analyse_identifiability(rows), bodies=bodies)
     assert caught.value.notices[0].code == "solver.consistent"
+    assert "steps" in caught.value.notices[0].text
 
 
-def test_bodies_that_ipopt_does_not_confirm_are_vouched_for(bodies, monkeypatch):
-    """Ipopt stopped at its start: the bodies stand by Newton's decrement, and the result says so."""
+def test_a_friction_that_would_drive_ends_on_its_bound(bodies):
     rows = make_driven_rows(bodies)
-    seen = analyse_identifiability(rows)
-    whole = fit_consistent(rows, seen, bodies=bodies)
-    monkeypatch.setattr(consistent, "_LIMIT", 0)
-    alone = fit_consistent(rows, seen, bodies=bodies)
-    assert "Maximum_Iterations_Exceeded" in alone.report["ending"]
-    assert "Newton's decrement" in alone.report["ending"]
-    assert "Solve_Succeeded" in whole.report["ending"]
-    assert alone.report["gap"] < 1e-8
-    assert max(alone.report["gradient"], whole.report["gradient"]) < 1e-6
-    deviations = np.sqrt(np.diag(whole.covariance))
-    np.testing.assert_allclose(alone.values / deviations, whole.values / deviations, atol=1e-5)
-
-
-def test_about_its_optimum_the_cost_bends_by_its_weight_at_least(robots_folder):
-    """At the optimum S + g B is g: beyond J' J only 2 g dC dC' and the exponential's 2 g are left."""
-    bodies = build_bodies(read_robot(robots_folder / "tx40.toml"))
-    truth = np.einsum("pnk,nk->p", bodies.links, bodies.stated) + bodies.positive @ np.full(7, -0.2)
-    triangle = np.column_stack([np.eye(len(truth)), truth])
-    cost = build_cost(triangle, truth, bodies, 0.3)
-    found = consistent_newton.optimise_bodies(cost, cost.centre)
-    near = cost.recentre(found.factors, found.rotors)
-    z = np.append(np.zeros(67), found.others)
-    start = cost.join(found.factors, found.rotors, found.others)
-    assert near.find_value(z) == pytest.approx(cost.find_value(start), rel=1e-10)
-    np.testing.assert_allclose(near.find_values(z), cost.find_values(start), rtol=1e-9, atol=1e-12)
-    steps = 1e-5 * np.eye(len(z))
-    slopes = np.array([(near.find_values(z + h) - near.find_values(z - h)) / 2e-5 for h in steps])
-    left = near.find_hessian(z) - slopes @ slopes.T
-    diagonal = [i for i in range(60) if i % 10 in (0, 2, 5, 9)]
-    expected = np.full(len(z), 0.0)
-    expected[:60], expected[diagonal], expected[60:67] = 0.6, 1.2, 0.3
-    np.testing.assert_allclose(left, np.diag(expected), atol=1e-7)
+    fit = fit_consistent(rows, analyse_identifiability(rows), bodies=bodies)
+    assert fit.report["gap"] < 1e-8
+    assert fit.report["gradient"] < 1e-6
+    assert 0.0 <= fit.values[bodies.names.index("Fc1")] < 1e-9
 
 
 def test_rotors_stay_positive(robots_folder):
@@ -317,7 +264,6 @@ def test_real_recordings_have_bodies(shared_data, robots_folder, name, logs, pri
         options=options,
     )
     found = estimate.settings["fit"]
-    assert "Solve_Succeeded" in found["ending"]
     assert max(found["gradient"], found["gap"]) < 1e-6
     assert found["steps"] < 200
     assert 0.0 < found["price_percent"] < price
@@ -360,8 +306,8 @@ def test_any_rows_and_any_values_end_at_the_least_of_all_bodies(robots_folder, c
     assert np.all(np.isfinite(found.values))
     assert np.linalg.eigvalsh(build_pseudo_inertias(found.pi)).min() > 0.0
     cost = build_cost(triangle, centre, bodies, found.weight)
-    ours = cost.find_value(found.unknowns)
-    theirs, least = minimise_by_cones(cost, triangle, bodies, found.unknowns)
+    ours = compute_cost(cost.problem, found.nearest)
+    theirs, least = minimise_by_cones(cost, triangle, bodies, found.nearest)
     assert ours <= least * (1.0 + 1e-6)
     # Where clarabel does not call its own point an optimum, it may be above it.
     assert theirs.status != "Solved" or ours == pytest.approx(least, rel=1e-6)

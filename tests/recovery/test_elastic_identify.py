@@ -16,11 +16,6 @@ from symid.excitation.trajectories import (
     scale_trajectory,
 )
 from symid.identification.elastic.elimination import get_wide_cutoff
-from symid.identification.elastic.estimate import (
-    is_elastic_estimate,
-    read_elastic_estimate,
-    write_elastic_estimate,
-)
 from symid.identification.elastic.identify import identify_elastic, warn_of_fit
 from symid.identification.elastic.methods import (
     AUTOMATIC_METHODS,
@@ -30,9 +25,11 @@ from symid.identification.elastic.methods import (
     choose_fit,
     fit_method,
 )
-from symid.identification.elastic.options import ElasticOptions
+from symid.identification.elastic.options import ElasticOptions, NlpOptions
 from symid.identification.elastic.regression import prepare_elastic_signals
 from symid.identification.elastic.uncertainty import compute_elimination_bound
+from symid.identification.elastic.validation import predict_elastic
+from symid.identification.stored import is_fit, read_fit, write_fit
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque
 from symid.logs.recording import Recording
 from symid.robot.elasticity import Elasticity
@@ -142,9 +139,9 @@ def test_the_bound_is_that_of_torque_rows_with_true_accelerations(arm, run):
 
 
 def test_an_estimate_is_read_as_it_was_written(tmp_path, arm, estimate):
-    path = write_elastic_estimate(estimate, tmp_path / "estimate.json")
-    assert is_elastic_estimate(path)
-    assert read_elastic_estimate(path, arm[1].card) == estimate
+    path = write_fit(estimate, tmp_path / "estimate.json")
+    assert is_fit(path)
+    assert read_fit(path, arm[1].card) == estimate
     fit = estimate.build_fit(len(arm[1].card.beta))
     assert np.array_equal(fit.chi, values(estimate))
     assert len(fit.elasticity) == 2
@@ -153,40 +150,43 @@ def test_an_estimate_is_read_as_it_was_written(tmp_path, arm, estimate):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda data: data.update(format="symid estimate"), "not an estimate of elastic joints"),
+        (lambda data: data.update(format="something"), "not an estimate written by symid"),
         (lambda data: data.update(version=9), "version 9"),
-        (lambda data: data.pop("springs"), "'springs' is missing"),
-        (lambda data: data.update(outcome="PERFECT"), "'PERFECT' is missing or unknown"),
+        (lambda data: data.pop("springs"), "springs is missing"),
+        (lambda data: data.update(outcome="PERFECT"), "outcome: expected one of SOLVED, .* got 'PERFECT'"),
         (lambda data: data["covariance"].pop(), "covariance: expected 12 rows"),
         (lambda data: data["parameters"][0].update(value="1"), "expected a number, got '1'"),
         (lambda data: data.update(robot=3), "expected text, got 3"),
-        (lambda data: data["springs"][0]["elasticity"]["stops"].reverse(), "a spring that cannot be"),
+        (
+            lambda data: data["springs"][0]["elasticity"]["stops"].reverse(),
+            r"springs\[0\].elasticity: the thresholds of stops",
+        ),
     ],
 )
 def test_files_that_are_no_estimates_are_refused(tmp_path, estimate, change, message):
-    path = write_elastic_estimate(estimate, tmp_path / "estimate.json")
+    path = write_fit(estimate, tmp_path / "estimate.json")
     data = json.loads(path.read_text(encoding="utf-8"))
     change(data)
     path.write_text(json.dumps(data), encoding="utf-8")
     with pytest.raises(EstimateError, match=message):
-        read_elastic_estimate(path)
+        read_fit(path)
 
 
 @pytest.mark.parametrize("text", ["", "[1]", "{", "\x00"])
 def test_files_of_something_else_are_refused(tmp_path, text):
     path = tmp_path / "estimate.json"
     path.write_text(text, encoding="utf-8")
-    assert not is_elastic_estimate(path)
+    assert not is_fit(path)
     with pytest.raises(EstimateError):
-        read_elastic_estimate(path)
+        read_fit(path)
     with pytest.raises(EstimateError, match="cannot be read"):
-        read_elastic_estimate(tmp_path / "none.json")
+        read_fit(tmp_path / "none.json")
 
 
 def test_an_estimate_of_another_model_is_refused(tmp_path, arm, estimate):
-    path = write_elastic_estimate(estimate, tmp_path / "estimate.json")
+    path = write_fit(estimate, tmp_path / "estimate.json")
     with pytest.raises(EstimateError, match="use the same robot"):
-        read_elastic_estimate(path, replace(arm[1].card, signature="0" * 64))
+        read_fit(path, replace(arm[1].card, signature="0" * 64))
 
 
 @pytest.mark.parametrize("method", ["linear-spring", "two-step", "elimination", "weighted", "independent"])
@@ -207,6 +207,34 @@ def test_one_cost_can_be_asked_for_and_keeps_to_its_grid(arm):
     assert found.method == "same-cost"
     assert len(found.history) > 6
     assert find_error(values(found), find_truth(arm[1])) < 0.1
+
+
+def test_options_of_the_one_shot_problem_reach_it(tmp_path, arm, run):
+    """Rows, Stribeck friction and odd springs can be asked for; the result says so."""
+    nlp = NlpOptions(rows=("filtered",), stribeck=True, smoothing=0.01, odd=True, rounds=0)
+    found = identify_elastic(arm[1], [run.recording], ElasticOptions(method="nlp", nlp=nlp))
+    assert found.settings["nlp"]["rows"] == ["filtered"]
+    assert found.settings["nlp"]["stribeck"] is True
+    # The arm has none.
+    told = [notice.text for notice in found.notices if notice.code == "elastic.stribeck"]
+    assert [text.split(":")[0] for text in told] == ["joint 'shoulder'", "joint 'elbow'"]
+    for spring in found.springs:
+        knees = {knee.threshold: knee.slope for knee in spring.elasticity.knees}
+        assert all(knees[-torque] == slope for torque, slope in knees.items() if -torque in knees)
+    assert read_fit(write_fit(found, tmp_path / "estimate.json"), arm[1].card) == found
+    plain = identify_elastic(arm[1], [run.recording], ElasticOptions(method="weighted"))
+    assert "nlp" not in plain.settings
+
+
+def test_residuals_are_those_of_their_own_joints_where_a_spring_is_refused(arm, run):
+    """The torque that a residual is measured by is the joint's own, whichever joint comes before it."""
+    work = build_elastic_equations(arm[1], (run.recording,), ElasticOptions())
+    fit = fit_method(work, "weighted")
+    whole, part = (
+        predict_elastic(arm[1], run.recording, ElasticOptions(), fit, told=told).residuals[1][1]
+        for told in ((True, True), (False, True))
+    )
+    assert part == whole[1:]
 
 
 def test_a_robot_without_springs_is_refused(robots_folder, run):
@@ -306,8 +334,8 @@ def test_what_a_joint_at_rest_hides_is_refused_by_name(tmp_path, arm, run, noise
     assert {name for name, std in stds.items() if not np.isfinite(std)} == {"IA2", "Fv2", "Fc2"}
     assert np.all(np.isfinite(values(found)))
     assert [spring.told for spring in found.springs] == [True, False]
-    path = write_elastic_estimate(found, tmp_path / "estimate.json")
-    assert read_elastic_estimate(path, arm[1].card) == found
+    path = write_fit(found, tmp_path / "estimate.json")
+    assert read_fit(path, arm[1].card) == found
 
 
 def test_an_encoder_that_never_changes_tells_no_torsion(arm, run):

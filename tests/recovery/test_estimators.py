@@ -21,7 +21,7 @@ from symid.identification.estimators.linear_estimators import (
     fit_ridge,
     fit_rows,
 )
-from symid.identification.regression.equations import build_rows, select_rows, stack_rows
+from symid.identification.regression.equations import Rows, build_rows, select_rows, stack_rows
 from symid.identification.regression.identifiability import analyse_identifiability
 from symid.identification.rigid.fit import identify_parameters
 from symid.robot.description import Processing
@@ -135,6 +135,32 @@ def test_huber_is_stationary_for_its_loss():
     slope = rows.matrix.T @ (fit.weights**2 * fit.residuals)
     size = np.linalg.norm(rows.matrix, axis=0) * np.linalg.norm(fit.weights**2 * fit.residuals)
     assert np.abs(slope / size).max() < 1e-6
+
+
+def test_huber_says_where_it_does_not_settle():
+    """Three rows alone tell the second parameter, and the outer two nearly pull it past the middle one."""
+    rng = np.random.default_rng(0)
+    matrix = np.zeros((403, 2))
+    matrix[:400, 0], matrix[400:, 1] = 1.0 + rng.random(400), (1.0, 1.95, 1.0)
+    noise = np.concatenate([1e-3 * rng.normal(size=400), [0.0, 10.0, -10.0]])
+    rows = Rows(
+        kind="torque",
+        matrix=matrix,
+        values=matrix @ np.array([2.0, 3.0]) + noise,
+        group=np.zeros(403, dtype=int),
+        time=1e-3 * np.arange(403),
+        velocity=np.ones(403),
+        names=("a", "b"),
+        units=("", ""),
+        group_names=("axis",),
+        group_units=("N",),
+        velocity_units=("m/s",),
+    )
+    (notice,) = fit_huber(rows, analyse_identifiability(rows)).notices
+    assert notice.code == "identify.huber-unsettled"
+    assert "after 100 iterations" in notice.text
+    calm = select_rows(rows, rows.time < 0.4)
+    assert not fit_huber(calm, analyse_identifiability(calm)).notices
 
 
 def test_ridge_of_weight_one_is_the_bayesian_answer():

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from symid.errors import IdentifiabilityError, UsageError
-from symid.identification.friction.estimate import SearchOutcome
 from symid.identification.friction.presliding import PreslidingOptions, build_path, fit_presliding
 from symid.identification.friction.samples import FrictionSamples
+from symid.ipopt import Ending
 from symid.joint_models.dynamic_friction import get_dynamic_law, simulate_dynamic_friction
 from symid.simulation.friction_rig import PositionControl, Rig, RigOptions, simulate_friction_rig
 
@@ -94,7 +94,7 @@ def check_recovered(found, named):
 def test_all_parameters_come_back_within_five_per_cent(motions, name):
     law, named, run = motions(name)
     found = fit_presliding(build_samples(run, 1), law)
-    assert found.outcome is SearchOutcome.CONVERGED
+    assert found.outcome is Ending.CONVERGED
     assert (found.refused, found.notices) == ((), ())
     check_recovered(found, named)
     wanted = NOISE * np.sqrt(np.mean(run.friction**2))
@@ -185,7 +185,7 @@ def test_without_slip_the_law_of_slip_gets_a_sentence_and_no_number(motions):
     assert found.get_value("fS") is None
     assert "break away slowly" in refused["fS"]
     # Where nothing slips, fC may grow without end.
-    assert found.outcome in {SearchOutcome.SOME_REFUSED, SearchOutcome.LIMIT}
+    assert found.outcome in {Ending.SOME_REFUSED, Ending.LIMIT}
     assert found.get_value("sigma0") == pytest.approx(named["sigma0"], rel=0.01)
 
 

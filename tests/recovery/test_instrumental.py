@@ -12,7 +12,7 @@ from symid.identification.estimators.least_squares import fit_wls
 from symid.identification.regression.identifiability import analyse_identifiability
 from symid.identification.regression.preparation import prepare_rows
 from symid.identification.rigid.closed_loop import build_closed_loop, simulate_closed_loop
-from symid.identification.rigid.closed_loop_estimate import identify_instrumental
+from symid.identification.rigid.closed_loop_estimate import identify_closed_loop
 from symid.identification.rigid.closed_loop_fit import estimate_start, fit_instrumental
 from symid.identification.rigid.fit import identify_parameters
 from symid.logs.recording import RunSettings
@@ -69,7 +69,7 @@ def recording(record):
 def trials(robot, library, recording):
     """Return estimates by instruments and by wls of logs that differ in their noise alone."""
     logs = [spoil(recording, seed) for seed in range(SEEDS)]
-    found = [identify_instrumental(robot, library, [log]) for log in logs]
+    found = [identify_closed_loop("instrumental", robot, library, [log]) for log in logs]
     usual = [identify_parameters(library, [log], LATE, estimator="wls") for log in logs]
     return found, usual
 
@@ -162,7 +162,9 @@ def test_a_filter_that_is_low_enough_is_called_so(robot, library, recording):
     calm = Processing(
         filter_cutoff=35.0, drop_first=250, drop_last=10, standstill=0.05, decimation=Decimation(factor=28)
     )
-    estimate = identify_instrumental(replace(robot, processing=calm), library, [spoil(recording, 1)])
+    estimate = identify_closed_loop(
+        "instrumental", replace(robot, processing=calm), library, [spoil(recording, 1)]
+    )
     told = estimate.settings["fit"]["wls"]
     assert not told["biased"]
     assert "identify.biased-wls" not in {notice.code for notice in estimate.notices}
@@ -175,7 +177,7 @@ def test_noise_that_leaves_wls_no_robot_is_no_hindrance(robot, library, recordin
     log = spoil(recording, 0, encoder=5e-4)
     usual = identify_parameters(library, [log], LATE, estimator="wls")
     assert "identify.impossible-mass" in {notice.code for notice in usual.notices}
-    estimate = identify_instrumental(robot, library, [log])
+    estimate = identify_closed_loop("instrumental", robot, library, [log])
     assert np.all(np.abs(find_errors(library, [estimate])) < 3.0)
     inertia = {entry.name: entry for entry in estimate.parameters}["ZZ2"]
     assert inertia.value == pytest.approx(inertia.truth, rel=0.15)
@@ -192,8 +194,8 @@ def test_wrong_gains_cost_precision_and_not_truth(robot, library, recording):
     """A controller half as stiff: other states, of which the measured ones are still a part."""
     soft = replace(GAINS, stiffness=(200.0, 30.0), damping=(12.0, 1.5))
     log = spoil(recording, 2)
-    right = identify_instrumental(robot, library, [log])
-    wrong = identify_instrumental(replace(robot, controller=soft), library, [log])
+    right = identify_closed_loop("instrumental", robot, library, [log])
+    wrong = identify_closed_loop("instrumental", replace(robot, controller=soft), library, [log])
     (notice,) = (notice for notice in wrong.notices if notice.code == "identify.tracking")
     assert "the instruments are worse for it" in notice.text
     assert np.all(np.abs(find_errors(library, [wrong])) < 3.0)
@@ -207,9 +209,10 @@ def test_several_runs_count_by_their_weights(robot, library, record):
     bad = replace(spoil(record(4), 1, encoder=3e-4), run=RunSettings(file="bad.npz"))
     weights = get_run_weights([good, bad])
     together, heeded = (
-        identify_instrumental(robot, library, [good, bad], weights=how) for how in (None, weights)
+        identify_closed_loop("instrumental", robot, library, [good, bad], weights=how)
+        for how in (None, weights)
     )
-    alone = identify_instrumental(robot, library, [good])
+    alone = identify_closed_loop("instrumental", robot, library, [good])
     names = tuple(list_truth(library))
     gaps = [np.abs(found.assemble(names) - alone.assemble(names)).max() for found in (together, heeded)]
     assert gaps[1] < 0.1 * gaps[0]

@@ -9,7 +9,7 @@ from symid.codegen.cache import prepare_library
 from symid.errors import SolverError, UsageError
 from symid.excitation.trajectories import FourierOptions, build_random_fourier
 from symid.identification.rigid.closed_loop import build_closed_loop
-from symid.identification.rigid.closed_loop_estimate import identify_output_error
+from symid.identification.rigid.closed_loop_estimate import identify_closed_loop
 from symid.identification.rigid.closed_loop_fit import fit_output_error
 from symid.identification.rigid.fit import identify_parameters
 from symid.logs.recording import RunSettings
@@ -127,7 +127,7 @@ def test_several_runs_count_by_their_weights(record, robot, library):
     bad = replace(record(4, noisy), run=RunSettings(file="bad.npz"))
     weights = get_run_weights([good, bad])
     apart, together, heeded = (
-        identify_output_error(robot, library, logs, weights=how)
+        identify_closed_loop("output-error", robot, library, logs, weights=how)
         for logs, how in (([bad], None), ([good, bad], None), ([good, bad], weights))
     )
     names = tuple(list_truth(library))

@@ -5,7 +5,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from symid.identification.diagnostics.fit_warnings import (
         compute_block_deviations as compute_block_deviations,
+        sum_block_scores as sum_block_scores,
         warn_of_correlated_residuals as warn_of_correlated_residuals,
+        warn_of_fitted_log as warn_of_fitted_log,
         warn_of_mass_matrix as warn_of_mass_matrix,
         warn_of_moving_ends as warn_of_moving_ends,
         warn_of_poorly_identifiable as warn_of_poorly_identifiable,
@@ -21,7 +23,6 @@ if TYPE_CHECKING:
     )
     from symid.identification.diagnostics.residual_structure import (
         JointProfiles as JointProfiles,
-        Profile as Profile,
         ResidualFinding as ResidualFinding,
         analyse_structure as analyse_structure,
         compute_profiles as compute_profiles,

@@ -20,6 +20,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen import Library
@@ -58,6 +59,31 @@ def warn_of_processing(processing: Processing, recordings: Sequence[Recording]) 
     return (Notice(code="identify.low-cutoff", text=text),)
 
 
+def sum_block_scores(
+    design: FloatArray, errors: FloatArray, groups: NDArray[np.intp], blocks: int
+) -> tuple[FloatArray, int]:
+    """Return sum_b F_b' e_b e_b' F_b (p, p) over blocks b of consecutive rows, and how many there are.
+
+    Between (F'F)^-1 on either side it is the clustered covariance, for noise that is correlated within
+    blocks (Liang and Zeger 1986).
+
+    Args:
+        design: F (m, p).
+        errors: e (m,).
+        groups: (m,) number of the group of each row: no block has rows of two groups.
+        blocks: into which a group is cut at most.
+    """
+    total, count = np.zeros((design.shape[1], design.shape[1])), 0
+    for group in np.unique(groups):
+        members = np.flatnonzero(groups == group)
+        parts = np.array_split(members, min(blocks, len(members)))
+        count += len(parts)
+        for part in parts:
+            score = design[part].T @ errors[part]
+            total += np.outer(score, score)
+    return total, count
+
+
 def compute_block_deviations(rows: Rows, fit: RegressionFit, seen: Identifiability) -> FloatArray:
     """Return standard deviations (p,) that hold for noise that is not independent from row to row.
 
@@ -67,12 +93,7 @@ def compute_block_deviations(rows: Rows, fit: RegressionFit, seen: Identifiabili
     design = (rows.matrix @ seen.basis) * fit.weights[:, None]
     errors = fit.residuals * fit.weights
     root = compute_inverse_root(design)
-    total = np.zeros((design.shape[1], design.shape[1]))
-    for group in np.unique(rows.group):
-        members = np.flatnonzero(rows.group == group)
-        for block in np.array_split(members, min(_BLOCKS, len(members))):
-            score = design[block].T @ errors[block]
-            total += np.outer(score, score)
+    total, _ = sum_block_scores(design, errors, rows.group, _BLOCKS)
     left = seen.basis @ root @ root.T
     covariance = left @ total @ left.T
     deviations: FloatArray = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -146,6 +167,12 @@ def warn_of_poorly_identifiable(parameters: Sequence[ParameterEstimate]) -> tupl
         "they matter little in this log, or a motion that excites them is missing"
     )
     return (Notice(code="identify.vague", text=text),)
+
+
+def warn_of_fitted_log(source: str, what: str = "estimate") -> Notice:
+    """Return a notice that a log is one of the fit, so that it tests nothing."""
+    text = f"the {what} was fitted to this very log, which is no test of it; validate on another motion"
+    return Notice(code="validate.fitted-log", text=text, file=source)
 
 
 _PERIODS = 2.0

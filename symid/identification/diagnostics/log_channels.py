@@ -42,8 +42,10 @@ from symid.errors import IdentifiabilityError, Notice
 from symid.identification.regression import (
     choose_filters,
     compute_payload_torque,
+    evaluate_columns,
     hold_resting_joints,
     list_resting_joints,
+    solve_scaled,
 )
 from symid.logs import Recording, decimate, prepare_signals, shift_channel
 from symid.robot import JointKind, Processing, Robot
@@ -124,7 +126,7 @@ def build_quick_fit(library: Library, recording: Recording, processing: Processi
         dq=dq,
         ddq=ddq,
         tau=tau,
-        rows=evaluate_rows(library, q, dq, ddq),
+        rows=evaluate_columns(library, q, dq, ddq),
         keep=_select_moving(library, dq, processing.standstill),
         blocks=tuple(slice(int(low), int(high)) for low, high in pairwise(bounds)),
         names=tuple(entry.name for entry in (*card.beta, *card.friction)),
@@ -167,15 +169,6 @@ def _choose_blocks(count: int) -> list[slice]:
     return [slice(low, min(high, low + _BLOCK)) for low, high in pairwise(bounds)]
 
 
-def evaluate_rows(library: Library, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
-    """Return the regressor of the torques, friction included, at states (N, n): (N, n, p)."""
-    (rigid,) = library.evaluate("torque_regressor", q, dq, ddq)
-    if not library.card.friction:
-        return rigid
-    (friction,) = library.evaluate("friction_regressor", dq)
-    return np.concatenate([rigid, friction], axis=2)
-
-
 def shift_torque(fit: QuickFit, delay: float) -> FloatArray:
     """Return the torques (N, n) of the fit's samples with the torque channel moved ahead by `delay` s."""
     recording = fit.recording
@@ -183,14 +176,6 @@ def shift_torque(fit: QuickFit, delay: float) -> FloatArray:
     signals = prepare_signals(replace(recording, torque=moved), fit.processing)
     thin = _thin_out(signals.tau, fit.processing)
     return np.vstack([thin[block] for block in _choose_blocks(len(thin))])
-
-
-def solve_scaled(matrix: FloatArray, values: FloatArray) -> FloatArray:
-    """Return the least-squares solution (p,) of least norm in columns of length one."""
-    lengths = np.linalg.norm(matrix, axis=0)
-    scales = np.where(lengths > 0.0, 1.0 / np.where(lengths > 0.0, lengths, 1.0), 0.0)
-    solution = np.linalg.lstsq(matrix * scales, values, rcond=_SMALL)[0]
-    return np.asarray(solution * scales, dtype=np.float64)
 
 
 _CLEAR = 0.02
@@ -227,12 +212,12 @@ def estimate_signs(fit: QuickFit, library: Library, robot: Robot) -> tuple[Joint
     """Return shares of inertia and friction of every joint that moves."""
     reach = _compute_reach(robot)
     still = np.zeros_like(fit.q)
-    weight = evaluate_rows(library, fit.q, still, still)
+    weight = evaluate_columns(library, fit.q, still, still)
     found = []
     for joint in fit.moving:
         unit = still.copy()
         unit[:, joint] = 1.0
-        column = evaluate_rows(library, fit.q, still, unit)[:, joint] - weight[:, joint]
+        column = evaluate_columns(library, fit.q, still, unit)[:, joint] - weight[:, joint]
         column[:, fit.inertial :] = 0.0
         values = np.array([_compute_shares(fit, joint, column, left) for left in _list_subsets(fit)])
         whole, parts = values[0], values[1:]
@@ -264,7 +249,7 @@ def _compute_shares(
     kept = kept[fit.keep[kept, joint] > 0.0]
     rows, tau = fit.rows[kept, joint], fit.tau[kept, joint]
     dq, ddq = fit.dq[kept, joint], fit.ddq[kept, joint]
-    solution = solve_scaled(rows, tau)
+    solution = solve_scaled(rows, tau, rcond=_SMALL)
     inertia = column[kept] @ solution
     braking = rows[:, fit.inertial :] @ solution[fit.inertial :]
     braking = braking - np.mean(braking)
@@ -401,7 +386,7 @@ def _measure_residual(
     keeps what the others do not tell at zero.
     """
     moved = (np.ascontiguousarray(part[:, list(positions)]) for part in states[:3])
-    rows = evaluate_rows(library, *moved)
+    rows = evaluate_columns(library, *moved)
     tau = states[3][:, list(torques)]
     size = np.linalg.norm(tau, axis=0)
     weights = 1.0 / np.where(size > 0.0, size, 1.0)
@@ -514,7 +499,7 @@ def _stack(fit: QuickFit, tau: FloatArray, weights: FloatArray) -> tuple[FloatAr
 def _solve_kept(fit: QuickFit, matrix: FloatArray, values: FloatArray) -> FloatArray:
     """Return the solution of the rows of joints that move."""
     keep = _list_kept(fit)
-    return solve_scaled(matrix * keep[:, None], values * keep)
+    return solve_scaled(matrix * keep[:, None], values * keep, rcond=_SMALL)
 
 
 def _list_kept(fit: QuickFit) -> FloatArray:
@@ -534,15 +519,12 @@ def _fit_delays(fit: QuickFit, tau: FloatArray, weights: FloatArray) -> tuple[Fl
     lengths = np.linalg.norm(design, axis=0)
     scales = np.where(lengths > 0.0, 1.0 / np.where(lengths > 0.0, lengths, 1.0), 0.0)
     design *= scales
-    grams = np.array([part.T @ part for part in _split(design, fit, count)])
+    parts = [design[block.start * count : block.stop * count] for block in fit.blocks]
+    grams = np.array([part.T @ part for part in parts])
     back = scales[-count - 1 : -1] / scales[-1]
     whole = grams.sum(axis=0)
     replicates = np.array([_solve(whole - gram, count) for gram in grams])
     return _solve(whole, count) * back, replicates * back
-
-
-def _split(design: FloatArray, fit: QuickFit, count: int) -> list[FloatArray]:
-    return [design[block.start * count : block.stop * count] for block in fit.blocks]
 
 
 def _solve(gram: FloatArray, count: int) -> FloatArray:

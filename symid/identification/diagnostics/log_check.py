@@ -36,9 +36,14 @@ from symid.identification.diagnostics.log_channels import (
     detect_exchanges,
     estimate_signs,
     estimate_torque_delay,
+)
+from symid.identification.regression import (
+    WHOLE_MODEL,
+    RankRule,
+    ScaledSpectrum,
+    compute_spectrum,
     solve_scaled,
 )
-from symid.identification.regression import WHOLE_MODEL, RankRule, ScaledSpectrum, compute_spectrum
 from symid.logs import (
     JointSummary,
     LogTiming,
@@ -58,6 +63,7 @@ from symid.robot import Robot
 _WELL, _POOR = 10.0, 100.0
 _LARGE_CONDITION = 1e3
 _SHOWN = 8
+_SMALL = 1e-7
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,27 +111,26 @@ def analyse_excitation(
     rule = rule or RankRule()
     matrix, values = _stack(fits)
     spectrum = compute_spectrum(matrix, rule.zero)
-    seen = spectrum.singular > rule.singular * spectrum.singular[0]
-    hidden = spectrum.directions[~seen]
-    share = np.sum(hidden**2, axis=0)
+    seen, identifiable = spectrum.mask_seen(rule), spectrum.mask_identifiable(rule)
     solution, deviations = _compute_deviations(matrix, values, spectrum, seen)
     names = fits[0].names
     resting = [name for index, name in enumerate(joints) if all(index not in fit.moving for fit in fits)]
+    still = f"; at rest: {', '.join(resting)}" if resting else ""
     verdicts = []
     for index, name in enumerate(names):
-        if spectrum.lengths[index] == 0.0 or share[index] > rule.share:
-            reason = _explain_hidden(index, names, spectrum.lengths, hidden, resting)
-            verdicts.append(
-                ParameterVerdict(
-                    name=name, verdict="refused", relative_std_percent=float("inf"), reason=reason
-                )
-            )
-            continue
-        percent = 100.0 * deviations[index] / max(abs(solution[index]), 1e-300)
-        verdict = "told" if percent <= _WELL else "vague" if percent <= _POOR else "not told"
-        reason = "" if verdict == "told" else "it is small beside the noise, or hardly excited"
+        if identifiable[index]:
+            percent = 100.0 * float(deviations[index]) / max(abs(float(solution[index])), 1e-300)
+            verdict = "told" if percent <= _WELL else "vague" if percent <= _POOR else "not told"
+            reason = "" if verdict == "told" else "it is small beside the noise, or hardly excited"
+        else:
+            percent, verdict = float("inf"), "refused"
+            if spectrum.lengths[index]:
+                others = ", ".join(names[k] for k in spectrum.list_partners(index, rule)[:4])
+                reason = f"it acts only together with {others}{still}"
+            else:
+                reason = f"it acts on no torque of this log{still}"
         verdicts.append(
-            ParameterVerdict(name=name, verdict=verdict, relative_std_percent=float(percent), reason=reason)
+            ParameterVerdict(name=name, verdict=verdict, relative_std_percent=percent, reason=reason)
         )
     largest = spectrum.singular[0] or 1.0
     rank = int(np.sum(seen))
@@ -140,7 +145,8 @@ def analyse_excitation(
 def _stack(fits: Sequence[QuickFit]) -> tuple[FloatArray, FloatArray]:
     """Return the rows of all moving joints of all logs, each weighted by the scatter of its residual."""
     plain = [_list_rows(fit, np.ones(fit.tau.shape[1])) for fit in fits]
-    first = solve_scaled(np.vstack([part[0] for part in plain]), np.concatenate([part[1] for part in plain]))
+    matrix, values = np.vstack([part[0] for part in plain]), np.concatenate([part[1] for part in plain])
+    first = solve_scaled(matrix, values, rcond=_SMALL)
     squares = _add([(fit.keep * (fit.tau - fit.rows @ first)) ** 2 for fit in fits])
     sizes, counts = _add([(fit.keep * fit.tau) ** 2 for fit in fits]), _add([fit.keep for fit in fits])
     scatter = np.sqrt(np.maximum(squares, 1e-12 * sizes) / np.maximum(counts, 1.0))
@@ -175,18 +181,6 @@ def _compute_deviations(
     freedom = max(1, len(values) - int(np.sum(seen)))
     deviations: FloatArray = np.sqrt(float(errors @ errors) / freedom * np.sum(inner**2, axis=1))
     return solution, deviations
-
-
-def _explain_hidden(
-    index: int, names: tuple[str, ...], lengths: FloatArray, hidden: FloatArray, resting: list[str]
-) -> str:
-    still = f"; at rest: {', '.join(resting)}" if resting else ""
-    if lengths[index] == 0.0:
-        return f"it acts on no torque of this log{still}"
-    partners = np.abs(hidden.T @ hidden[:, index])
-    partners[index] = 0.0
-    others = [names[k] for k in np.argsort(-partners, kind="stable") if partners[k] > 1e-4][:4]
-    return f"it acts only together with {', '.join(others)}{still}"
 
 
 def describe_excitation(found: LogExcitation, file: str = "") -> tuple[Notice, ...]:

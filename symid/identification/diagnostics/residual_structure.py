@@ -37,7 +37,7 @@ from symid.identification.regression import (
     list_resting_joints,
     subtract_payload_torque,
 )
-from symid.logs import Recording, Signals, decimate_blocks, decimate_columns, prepare_signals
+from symid.logs import Recording, Signals, decimate, decimate_blocks, prepare_signals
 from symid.robot import Decimation, Processing
 
 
@@ -153,9 +153,7 @@ class _Thinning(NamedTuple):
         """Return columns (N,), one after the other: (M, k)."""
         if not columns:
             return np.empty((0, 0))
-        return np.column_stack(
-            [decimate_columns(column, self.decimation)[:: self.step] for column in columns]
-        )
+        return np.column_stack([decimate(column, self.decimation)[:: self.step] for column in columns])
 
 
 class _PredictedLog(NamedTuple):
@@ -170,8 +168,9 @@ class _PredictedLog(NamedTuple):
         """Return [Y | Yf] of a joint and its torque: (M, p + 1)."""
 
         def evaluate(part: slice) -> FloatArray:
-            columns = evaluate_columns(self.library, self.signals, part)[:, joint]
-            return np.column_stack([columns, self.signals.tau[part, joint]])
+            signals = self.signals
+            rows = evaluate_columns(self.library, signals.q[part], signals.dq[part], signals.ddq[part])
+            return np.column_stack([rows[:, joint], signals.tau[part, joint]])
 
         blocks = decimate_blocks(evaluate, len(self.signals.time), thinning.decimation)
         return np.vstack([rows[-part.start % thinning.step :: thinning.step] for part, rows in blocks])

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library
 from symid.errors import LogError, Notice
 from symid.identification.estimators import Residual
@@ -39,7 +39,7 @@ _FEWEST = 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class TorquePrediction:
+class TorquePrediction(FrozenArrays):
     """Measured and predicted torques of one log, both low-passed at `band` Hz.
 
     Args:
@@ -62,11 +62,6 @@ class TorquePrediction:
     counted: tuple[int, ...]
     band: float
     source: str = ""
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("time", "position", "velocity", "acceleration", "measured", "predicted"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -161,18 +156,8 @@ def compute_band_residual(prediction: TorquePrediction) -> BandResidual:
     for index in prediction.counted:
         measured = prediction.measured[:, index]
         error = measured - prediction.predicted[:, index]
-        norm, whole = float(np.linalg.norm(error)), float(np.linalg.norm(measured))
-        scatter = norm / float(np.sqrt(len(error)))
+        found = Residual.measure(prediction.joints[index], error, measured, prediction.units[index])
         spread = float(np.ptp(measured))
-        joints.append(
-            Residual(
-                joint=prediction.joints[index],
-                norm=norm,
-                relative_percent=100.0 * norm / whole if whole else float("inf"),
-                std=scatter,
-                samples=len(error),
-                unit=prediction.units[index],
-            )
-        )
-        ranges.append(100.0 * scatter / spread if spread else float("inf"))
+        joints.append(found)
+        ranges.append(100.0 * found.std / spread if spread else float("inf"))
     return BandResidual(joints=tuple(joints), range_percent=tuple(ranges), band=prediction.band)

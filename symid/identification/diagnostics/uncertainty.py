@@ -29,7 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import IdentifiabilityError, Notice
 from symid.identification.diagnostics.fit_warnings import compute_block_deviations
 from symid.identification.estimators import RegressionFit, fit_weighted
@@ -38,6 +38,7 @@ from symid.identification.regression import (
     Identifiability,
     Rows,
     analyse_identifiability,
+    count_freedom,
     select_rows,
 )
 
@@ -116,7 +117,7 @@ _SEEN = 1e-10
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Bootstrap:
+class Bootstrap(FrozenArrays):
     """What parameters scatter when blocks of the logs are drawn anew.
 
     Args:
@@ -131,11 +132,6 @@ class Bootstrap:
     high: FloatArray
     blocks: int
     replicates: int
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("deviations", "low", "high"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
 
 
 def cut_blocks(rows: Rows, blocks: int) -> tuple[np.ndarray[tuple[int], np.dtype[np.intp]], int]:
@@ -213,7 +209,7 @@ class Dropped:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Essential:
+class Essential(FrozenArrays):
     """A model without what the log does not need.
 
     Args:
@@ -227,10 +223,6 @@ class Essential:
     dropped: tuple[Dropped, ...]
     values: FloatArray
     price_percent: float
-
-    def __post_init__(self) -> None:
-        """Copy the array and make it read-only."""
-        object.__setattr__(self, "values", freeze(self.values))
 
 
 def select_essential(
@@ -265,8 +257,7 @@ def select_essential(
         np.linalg.qr(np.column_stack([weighted, rows.values * fit.weights]), mode="r")
     )
     inflation = _compute_inflation(rows, fit, seen)[candidates]
-    independent = rows.independent if freedom == "band" else 1.0
-    used = 1 if freedom == "one" else mixing.shape[1]
+    used, independent = count_freedom(freedom, mixing.shape[1], rows.independent)
     left = max(independent * len(rows.values) - used, 1.0)
     kept, dropped, inner, price = _eliminate(factor, inflation, left, level)
     return Essential(

@@ -12,22 +12,21 @@ if TYPE_CHECKING:
         ElasticEstimate as ElasticEstimate,
         HistoryEntry as HistoryEntry,
         MethodFit as MethodFit,
-        MethodOutcome as MethodOutcome,
         MethodTrial as MethodTrial,
         SpringEstimate as SpringEstimate,
-        check_elastic_model as check_elastic_model,
-        is_elastic_estimate as is_elastic_estimate,
-        read_elastic_estimate as read_elastic_estimate,
-        write_elastic_estimate as write_elastic_estimate,
+        name_friction as name_friction,
     )
     from symid.identification.elastic.identify import identify_elastic as identify_elastic
     from symid.identification.elastic.methods import (
-        ElasticEquations as ElasticEquations,
         build_elastic_equations as build_elastic_equations,
         choose_fit as choose_fit,
         fit_method as fit_method,
     )
-    from symid.identification.elastic.options import METHODS as METHODS, ElasticOptions as ElasticOptions
+    from symid.identification.elastic.options import (
+        METHODS as METHODS,
+        ElasticOptions as ElasticOptions,
+        NlpOptions as NlpOptions,
+    )
     from symid.identification.elastic.problem import (
         ElasticProblem as ElasticProblem,
         build_elastic_problem as build_elastic_problem,

@@ -1,7 +1,5 @@
 """Dynamics without the springs: motor and link equations added, so that the joint torque cancels.
 
-ElasticProblem -> MethodFit; library, signals -> BandRows -> chi with its covariance.
-
     elimination  [Y_link | Y_motor] chi = F[tau]
     momentum     Delta(Yp beta) - int YL beta dt + IA Delta(dtheta) + int Yf f dt = int tau dt
     band         d/dt G[Yp] beta - G[YL] beta + IA d/dt G[dtheta] + G[Yf] f = G[tau],  G a zero-phase low-pass
@@ -23,12 +21,12 @@ gravity on the motor side.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library, ModelCard
 from symid.errors import Notice
 from symid.identification.elastic.estimate import MethodFit
@@ -39,20 +37,25 @@ from symid.identification.elastic.problem import (
     fit_joint_spring,
     fit_springs,
 )
-from symid.identification.elastic.regression import ElasticSignals, filter_smooth, solve_with_signs
+from symid.identification.elastic.regression import (
+    ElasticSignals,
+    build_equations,
+    center_held,
+    filter_derivative,
+    filter_smooth,
+    solve_with_signs,
+)
 from symid.identification.elastic.spring_fit import SpringData, prepare_spring_data
 from symid.identification.elastic.uncertainty import compute_covariance
 from symid.identification.hysteresis import build_elasticity
-from symid.identification.regression import Windows, choose_windows, integrate_windows
+from symid.identification.regression import choose_windows, integrate_windows
 from symid.logs import differentiate, low_pass
 
 
 def fit_elimination(problem: ElasticProblem) -> MethodFit:
     """Return dynamics by elimination of the joint torque, and the springs that it then shows."""
-    beta, _, _ = problem.sizes
     chi = solve_with_signs(problem.library.card, *build_elimination_rows(problem))
-    springs = fit_springs(problem, problem.torque - problem.motor @ chi[beta:])
-    return build_method_fit(problem, "elimination", chi, tuple(map(build_elasticity, springs)))
+    return build_method_fit(problem, "elimination", chi, fit_springs(problem, problem.find_motor_side(chi)))
 
 
 def build_elimination_rows(
@@ -83,29 +86,23 @@ def build_momentum_rows(
         UsageError: a window does not fit.
     """
     windows = choose_windows(len(signals.time) - signals.settled, signals.period, length)
-    used = slice(signals.settled, None)
-    q, dq, dtheta = signals.q[used], signals.dq[used], signals.dtheta[used]
-    (momentum,) = library.evaluate("momentum_regressor", q[windows.ends], dq[windows.ends])
-    (lagrange,) = library.evaluate("lagrange_regressor", q, dq)
-    turned = np.diff(dtheta[windows.ends], axis=0)
-    columns = [
-        np.diff(momentum, axis=0) - integrate_windows(lagrange, windows),
-        turned[:, :, None] * np.eye(library.card.size),
-    ]
-    if library.card.friction:
-        (friction,) = library.evaluate("friction_regressor", dtheta)
-        columns.append(integrate_windows(friction, windows))
-    return np.concatenate(columns, axis=2), _compute_impulse(signals, windows)
 
+    def integrate(values: FloatArray) -> FloatArray:
+        return integrate_windows(values[signals.settled :], windows)
 
-def _compute_impulse(signals: ElasticSignals, windows: Windows) -> FloatArray:
-    """Return the integral of the torque over every window; exact where it holds between samples."""
-    tau = signals.tau[signals.settled :]
+    motor, link = build_equations(
+        library,
+        signals,
+        lambda values: np.diff(values[signals.settled :][windows.ends], axis=0),
+        integrate,
+    )
+    design = np.concatenate([link, motor], axis=2)
     if signals.hold != "zero":
-        return integrate_windows(tau, windows)
-    inner = tau[: windows.count * windows.intervals].reshape(windows.count, windows.intervals, -1)
-    held: FloatArray = windows.period * inner.sum(axis=1)
-    return held
+        return design, integrate(signals.tau)
+    # The integral of a held torque is exact.
+    held = signals.tau[signals.settled :][: windows.count * windows.intervals]
+    impulse: FloatArray = windows.period * held.reshape(windows.count, windows.intervals, -1).sum(axis=1)
+    return design, impulse
 
 
 def fit_momentum(problem: ElasticProblem) -> MethodFit:
@@ -121,8 +118,7 @@ def fit_momentum(problem: ElasticProblem) -> MethodFit:
         chi = solve_with_signs(problem.library.card, weighted, (impulse * weights).reshape(-1))
         scatter = np.sqrt(np.mean((impulse - design @ chi) ** 2, axis=0))
         weights = 1.0 / np.maximum(scatter, floor)
-    springs = fit_springs(problem, problem.torque - problem.motor @ chi[problem.sizes[0] :])
-    return build_method_fit(problem, "momentum", chi, tuple(map(build_elasticity, springs)))
+    return build_method_fit(problem, "momentum", chi, fit_springs(problem, problem.find_motor_side(chi)))
 
 
 _EDGE = 20.0
@@ -138,7 +134,7 @@ _WEIGHT_ROUNDS = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class BandRows:
+class BandRows(FrozenArrays):
     """Equations design @ chi = torque of all recordings.
 
     Args:
@@ -151,11 +147,6 @@ class BandRows:
     torque: FloatArray
     group: NDArray[np.intp]
     time: FloatArray
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("design", "torque", "time"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -226,27 +217,21 @@ def _build_one(library: Library, signals: ElasticSignals) -> tuple[FloatArray, F
     period = signals.period
     edge = _choose_edge(period)
 
+    cut = int(np.ceil(_CUT / (edge * period)))
+    keep = slice(cut, len(signals.time) - cut, max(1, round(0.5 / (edge * period))))
+
     def low(values: FloatArray) -> FloatArray:
         return low_pass(values, period=period, cutoff=edge, order=_ORDER)
 
-    (momentum,) = library.evaluate("momentum_regressor", signals.q, signals.dq)
-    (lagrange,) = library.evaluate("lagrange_regressor", signals.q, signals.dq)
-    cut = int(np.ceil(_CUT / (edge * period)))
-    keep = slice(cut, len(signals.time) - cut, max(1, round(0.5 / (edge * period))))
-    rotor = differentiate(low(signals.dtheta), period)[keep]
-    columns = [
-        differentiate(low(momentum), period)[keep] - low(lagrange)[keep],
-        rotor[:, :, None] * np.eye(library.card.size),
-    ]
-    if library.card.friction:
-        (friction,) = library.evaluate("friction_regressor", signals.dtheta)
-        columns.append(low(friction)[keep])
-    tau = signals.tau
-    if signals.hold == "zero":
-        # The mean of the torques that meet at a sample is the held torque about that instant.
-        tau = np.vstack([tau[:1], (tau[1:] + tau[:-1]) / 2.0])
+    motor, link = build_equations(
+        library,
+        signals,
+        lambda values: differentiate(low(values), period)[keep],
+        lambda values: low(values)[keep],
+    )
+    tau = center_held(signals.tau) if signals.hold == "zero" else signals.tau
     time = np.arange(len(signals.time))[keep] / len(signals.time)
-    return np.concatenate(columns, axis=2), low(tau)[keep], time
+    return np.concatenate([link, motor], axis=2), low(tau)[keep], time
 
 
 _MOVING = 0.1
@@ -297,9 +282,15 @@ def fit_independent(problem: ElasticProblem, *, encoder: bool = False) -> Method
         target = np.concatenate(
             [problem.filtered[number].find_motor_side(chi[beta:])[:, joint] for number in used]
         )
-        springs.append(fit_joint_spring(problem.options, data, joint, target))
-    fit = build_method_fit(problem, "independent", chi, tuple(map(build_elasticity, springs)))
-    return replace(fit, notices=_warn_of_one_kind(together, apart))
+        springs.append(build_elasticity(fit_joint_spring(problem.options, data, joint, target)))
+    notices: tuple[Notice, ...] = ()
+    if set(together) == set(apart):
+        text = (
+            "the independent procedures want motions of all joints together for the dynamics and slow "
+            "motions of one joint at a time for the hysteresis; there is one kind only, and it served both"
+        )
+        notices = (Notice(code="elastic.one-kind", text=text),)
+    return build_method_fit(problem, "independent", chi, tuple(springs), notices=notices)
 
 
 def estimate_virtual_torsion(problem: ElasticProblem, number: int, chi: FloatArray) -> FloatArray:
@@ -313,7 +304,7 @@ def estimate_virtual_torsion(problem: ElasticProblem, number: int, chi: FloatArr
     step = keep.step
     theta = signals.theta[::step]
     period = signals.period * step
-    torque = _compute_motor_torque(problem, number, chi)[::step]
+    torque = _compute_motor_torque(problem, signals, chi)[::step]
     gradient = _compute_gravity_gradient(problem, theta, chi[:beta])
     root = gradient.transpose(0, 2, 1)
     product = gradient @ root
@@ -345,24 +336,17 @@ def _estimate_linear_torsion(phi: FloatArray, torque: FloatArray, gradient: Floa
     return result
 
 
-def _compute_motor_torque(problem: ElasticProblem, number: int, chi: FloatArray) -> FloatArray:
+def _compute_motor_torque(problem: ElasticProblem, signals: ElasticSignals, chi: FloatArray) -> FloatArray:
     """Return F[tau_J] (N, n) by the motor equation at all samples of a recording."""
-    signals, rate = problem.signals[number], problem.options.rate
+    rate, period = problem.options.rate, signals.period
     beta, joints, _ = problem.sizes
-    period = signals.period
-    speed = signals.dtheta - signals.dtheta[0]
-    inertia = rate * (speed - filter_smooth(speed, rate, period)) * chi[beta : beta + joints]
-    torque: FloatArray = filter_smooth(_centre(signals), rate, period) - inertia
+    tau = center_held(signals.tau) if signals.hold == "zero" else signals.tau
+    inertia = filter_derivative(signals.dtheta, rate, period) * chi[beta : beta + joints]
+    torque: FloatArray = filter_smooth(tau, rate, period) - inertia
     if problem.library.card.friction:
         (friction,) = problem.library.evaluate("friction_regressor", signals.dtheta)
         torque -= filter_smooth(friction @ chi[beta + joints :], rate, period)
     return torque
-
-
-def _centre(signals: ElasticSignals) -> FloatArray:
-    """Return the torque about each sample: a held one is the mean of those that meet there."""
-    tau = signals.tau
-    return tau if signals.hold == "first" else np.vstack([tau[:1], (tau[1:] + tau[:-1]) / 2.0])
 
 
 def _compute_link_torque(
@@ -372,12 +356,7 @@ def _compute_link_torque(
     dq = differentiate(q, period)
     (momentum,) = problem.library.evaluate("momentum_regressor", q, dq)
     (lagrange,) = problem.library.evaluate("lagrange_regressor", q, dq)
-    inner = momentum @ beta
-    inner = inner - inner[0]
-    value: FloatArray = rate * (inner - filter_smooth(inner, rate, period)) - filter_smooth(
-        lagrange @ beta, rate, period
-    )
-    return value
+    return filter_derivative(momentum @ beta, rate, period) - filter_smooth(lagrange @ beta, rate, period)
 
 
 def _compute_gravity_gradient(problem: ElasticProblem, q: FloatArray, beta: FloatArray) -> FloatArray:
@@ -411,13 +390,3 @@ def _prepare_data(
         options.rate,
         [problem.signals[number].period for number in used],
     )
-
-
-def _warn_of_one_kind(together: tuple[int, ...], apart: tuple[int, ...]) -> tuple[Notice, ...]:
-    if set(together) != set(apart):
-        return ()
-    text = (
-        "the independent procedures want motions of all joints together for the dynamics and slow motions of "
-        "one joint at a time for the hysteresis; there is one kind only, and it served both"
-    )
-    return (Notice(code="elastic.one-kind", text=text),)

@@ -1,54 +1,27 @@
-"""Results of elastic joints: of one method, of the identification, and as JSON files.
+"""Results of elastic joints: of one method, and of the identification.
 
-Numbers of a solver -> MethodFit; fits and their rows -> ElasticEstimate <-> file, without loss.
+Numbers of a solver -> MethodFit; fits and their rows -> ElasticEstimate.
 
-Supported: methods that give no hysteresis; methods without iterations; format 1, SI units; a number that
-is not finite is written as null.
+Supported: methods that give no hysteresis; methods without iterations.
 Not supported: uncertainties in a `MethodFit`, other than the covariance of its dynamics.
 """
 
-import json
 import math
 import re
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from enum import Enum
-from pathlib import Path
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, final
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import ModelCard
-from symid.errors import EstimateError, Notice, RobotError
-from symid.identification.estimators import ParameterEstimate, Residual
-from symid.identification.rigid import write_file
+from symid.errors import Notice
+from symid.identification.estimators import DynamicsRecord, Residual
+from symid.ipopt import Ending
 from symid.joint_models import FRICTION_MODELS
-from symid.robot import Elasticity, Knee, Stop
-
-
-class MethodOutcome(Enum):
-    """How a method ended; the value is the explanation."""
-
-    SOLVED = "solved in one pass, without iterations"
-    CONVERGED = "parameters and residuals no longer changed"
-    ACCEPTABLE = "the solver met its looser tolerances only"
-    STALLED = "no step lowered the merit any more; the best iterate was kept"
-    LIMIT = "the limit of iterations was reached; the best iterate was kept"
-    INFEASIBLE = "no parameters satisfy the constraints"
-    DIVERGED = "the iterates ran away"
-    FAILED = "the solver broke down"
-
-    @property
-    def usable(self) -> bool:
-        """Return whether the parameters may be used."""
-        return self in {
-            MethodOutcome.SOLVED,
-            MethodOutcome.CONVERGED,
-            MethodOutcome.ACCEPTABLE,
-            MethodOutcome.STALLED,
-            MethodOutcome.LIMIT,
-        }
+from symid.robot import Elasticity
+from symid.serialization import Finite
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,12 +33,12 @@ class HistoryEntry:
 
     merit: float
     change: float
-    damping: float = 1.0
+    damping: Finite = 1.0
     norms: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MethodFit:
+class MethodFit(FrozenArrays):
     """Parameters of one method, in SI units.
 
     Args:
@@ -83,16 +56,9 @@ class MethodFit:
     friction: FloatArray
     elasticity: tuple[Elasticity, ...] = ()
     history: tuple[HistoryEntry, ...] = ()
-    outcome: MethodOutcome = MethodOutcome.SOLVED
+    outcome: Ending = Ending.SOLVED
     covariance: FloatArray | None = None
     notices: tuple[Notice, ...] = ()
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("beta", "rotor", "friction"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
-        if self.covariance is not None:
-            object.__setattr__(self, "covariance", freeze(self.covariance))
 
     @property
     def chi(self) -> FloatArray:
@@ -117,9 +83,9 @@ class SpringEstimate:
     torque_unit: str
     position_unit: str
     elasticity: Elasticity
-    torsion: float
-    excited: float
-    torque: float
+    torsion: Finite
+    excited: Finite
+    torque: Finite
     truth: Elasticity | None = None
     told: bool = True
     reason: str = ""
@@ -136,60 +102,68 @@ class MethodTrial:
     """
 
     method: str
-    outcome: MethodOutcome
-    error: float | None
-    values: tuple[float, ...]
+    outcome: Ending
+    error: Finite | None
+    values: tuple[Finite, ...]
 
 
+@final
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ElasticEstimate:
-    """The result of an identification of elastic joints, with all that was used to get it.
+class ElasticEstimate(DynamicsRecord):
+    """Dynamics and springs of a robot whose joints are elastic.
+
+    `parameters` are base parameters, rotor inertias and friction, in this order; `residual` is the torque
+    left unexplained by dynamics and springs, joint by joint, filtered; `refused` names springs too.
 
     Args:
-        robot: its name; `signature` that of its model card.
         method: whose result this is; `reason` why it was chosen.
-        parameters: base parameters, rotor inertias, friction, in this order.
         springs: one a joint, empty where the method gives none.
-        residual: torque left unexplained by dynamics and springs, joint by joint, filtered.
-        energy: the same of the energy rows.
-        condition: of the column-scaled rows that the dynamics were fitted to.
+        energy: what is left of the energy rows.
         outcome, history: how the method ended, and its iterations.
         trials: all methods that were compared.
-        refused: parameters and springs that the recordings cannot tell, with the reason.
-        covariance: of `parameters`, row by row.
-        sources: the recordings; settings: all options; notices: what a reader should know.
     """
 
-    robot: str
-    signature: str
+    kind: ClassVar[str] = "elastic"
     method: str
     reason: str
-    parameters: tuple[ParameterEstimate, ...]
     springs: tuple[SpringEstimate, ...]
-    residual: tuple[Residual, ...]
     energy: Residual
-    condition: float
-    outcome: MethodOutcome
+    outcome: Ending
     history: tuple[HistoryEntry, ...]
     trials: tuple[MethodTrial, ...]
-    sources: tuple[str, ...]
-    settings: Mapping[str, object]
-    refused: tuple[tuple[str, str], ...] = ()
-    covariance: tuple[tuple[float, ...], ...] = ()
-    notices: tuple[Notice, ...] = ()
 
-    @property
-    def friction(self) -> tuple[str, ...]:
-        """Return the friction models of the joints, as their parameters' names tell; empty if they do not."""
-        names = [entry.name for entry in self.parameters]
-        numbers = [name.removeprefix("IA") for name in names if re.fullmatch(r"IA\d+", name)]
-        letters = {letter for model in FRICTION_MODELS.values() for letter in model.parameters}
-        kinds = {model.parameters: kind.value for kind, model in FRICTION_MODELS.items()}
-        found = [
-            tuple(name.removesuffix(number) for name in names if name in {f"{x}{number}" for x in letters})
-            for number in numbers
+    def list_mistakes(self) -> list[str]:
+        """Return what is wrong with a record from a file: entries that do not fit each other."""
+        stated = [
+            (entry.joint, spring)
+            for entry in self.springs
+            for spring in (entry.elasticity, entry.truth)
+            if spring is not None
         ]
-        return tuple(kinds[entry] for entry in found) if all(entry in kinds for entry in found) else ()
+        numbers = [
+            (
+                joint,
+                (spring.stiffness, spring.damping, spring.cubic, *(stop.stiffness for stop in spring.stops)),
+            )
+            for joint, spring in stated
+        ]
+        return DynamicsRecord.list_mistakes(self) + [
+            f"springs: {joint}: expected a number, got null"
+            for joint, values in numbers
+            if any(value is None or not math.isfinite(value) for value in values)
+        ]
+
+    def list_strangers(self, card: ModelCard) -> list[str]:
+        """Return where parameters, springs or residuals are not those of the model, in its order."""
+        rotors = [f"IA{joint.number}" for joint in card.joints]
+        expected = [*(entry.name for entry in card.beta), *rotors, *(entry.name for entry in card.friction)]
+        joints = [joint.name for joint in card.joints]
+        found = [entry.name for entry in self.parameters]
+        springs = [entry.joint for entry in self.springs]
+        if found == expected and springs in ([], joints) and len(self.residual) == len(joints):
+            return []
+        text = f"expected parameters {', '.join(expected)}, and springs for {', '.join(joints)} or none"
+        return [text]
 
     def build_fit(self, bases: int) -> MethodFit:
         """Return the values as a fit, with `bases` base parameters at its beginning."""
@@ -208,229 +182,13 @@ class ElasticEstimate:
         )
 
 
-_FORMAT = "symid elastic estimate"
-_VERSION = 1
-
-
-def write_elastic_estimate(estimate: ElasticEstimate, path: Path) -> Path:
-    """Write the estimate to `path` as JSON and return the path.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
-    data = _write_plain({"format": _FORMAT, "version": _VERSION, **asdict(estimate)})
-    data["outcome"] = estimate.outcome.name
-    for trial, entry in zip(estimate.trials, data["trials"], strict=True):
-        entry["outcome"] = trial.outcome.name
-    return write_file(path, json.dumps(data, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
-
-
-def read_elastic_estimate(path: Path, card: ModelCard | None = None) -> ElasticEstimate:
-    """Return the estimate stored at `path`.
-
-    Args:
-        path: a file that `write_elastic_estimate` wrote.
-        card: the model that it must belong to, if given.
-
-    Raises:
-        EstimateError: there is no such file, it holds something else, or belongs to another model.
-    """
-    data = _read_json(path)
-    if data.get("format") != _FORMAT:
-        raise _refuse(path, "this is JSON, but not an estimate of elastic joints written by symid")
-    if data.get("version") != _VERSION:
-        raise _refuse(path, f"version {data.get('version')!r} of the format; this symid reads {_VERSION}")
-    try:
-        estimate = _build_estimate(data)
-    except RobotError as error:
-        raise _refuse(path, f"a spring that cannot be: {error}") from error
-    except KeyError as error:
-        raise _refuse(path, f"{error} is missing or unknown") from error
-    except (TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise _refuse(path, str(error)) from error
-    if card is not None:
-        check_elastic_model(estimate, card, path)
-    return estimate
-
-
-def is_elastic_estimate(path: Path) -> bool:
-    """Return whether `path` holds an estimate of elastic joints, whatever else may be wrong with it."""
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return False
-    return isinstance(data, dict) and data.get("format") == _FORMAT
-
-
-def check_elastic_model(estimate: ElasticEstimate, card: ModelCard, path: Path | str = "") -> None:
-    """Refuse an estimate of another model, or one that was changed by hand until it fits no model.
-
-    Raises:
-        EstimateError: it is; `path` is named.
-    """
-    if estimate.signature != card.signature:
-        text = (
-            f"the estimate is of robot {estimate.robot!r}, and its model is not that of {card.robot!r} as it "
-            "is now; use the same robot and options, or identify again"
-        )
-        raise EstimateError(Notice(code="estimate.signature", text=text, file=str(path)))
-    rotors = [f"IA{joint.number}" for joint in card.joints]
-    expected = [*(entry.name for entry in card.beta), *rotors, *(entry.name for entry in card.friction)]
-    found = [entry.name for entry in estimate.parameters]
-    joints = [joint.name for joint in card.joints]
-    springs = [entry.joint for entry in estimate.springs]
-    if found != expected or springs not in ([], joints) or len(estimate.residual) != len(joints):
-        text = (
-            f"its parameters, springs and residuals are not those of the model {card.robot!r}: expected "
-            f"{', '.join(expected)}, and springs for {', '.join(joints)} or none; identify again"
-        )
-        raise EstimateError(Notice(code="estimate.parameters", text=text, file=str(path)))
-
-
-def _refuse(path: Path, text: str) -> EstimateError:
-    return EstimateError(Notice(code="estimate.format", text=text, file=str(path)))
-
-
-def _write_plain(value: Any) -> Any:  # noqa: ANN401 (JSON is what it is)
-    """Return `value` with tuples as lists and numbers that are not finite as None."""
-    match value:
-        case float():
-            return value if math.isfinite(value) else None
-        case Mapping():
-            return {str(key): _write_plain(entry) for key, entry in value.items()}
-        case tuple() | list():
-            return [_write_plain(entry) for entry in value]
-    return value
-
-
-def _read_json(path: Path) -> dict[str, Any]:
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise _refuse(path, f"cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise _refuse(path, "not a text file, so not an estimate") from error
-    except (ValueError, RecursionError) as error:
-        raise _refuse(path, f"not JSON: {error}") from error
-    if not isinstance(data, dict):
-        raise _refuse(path, "this is JSON, but not an estimate of elastic joints written by symid")
-    return data
-
-
-def _build_estimate(data: Mapping[str, Any]) -> ElasticEstimate:
-    count = len(data["parameters"])
-    covariance = tuple(tuple(_read_number(entry) for entry in row) for row in data["covariance"])
-    if {len(covariance), *map(len, covariance)} - {0, count}:
-        message = f"covariance: expected {count} rows of {count} numbers, one for each parameter"
-        raise ValueError(message)
-    return ElasticEstimate(
-        robot=_read_text(data["robot"]),
-        signature=_read_text(data["signature"]),
-        method=_read_text(data["method"]),
-        reason=_read_text(data["reason"]),
-        parameters=tuple(
-            ParameterEstimate(
-                **{**entry, "value": _read_finite(entry["value"]), "std": _read_number(entry["std"])}
-            )
-            for entry in data["parameters"]
-        ),
-        springs=tuple(map(_read_spring, data["springs"])),
-        residual=tuple(map(_read_residual, data["residual"])),
-        energy=_read_residual(data["energy"]),
-        condition=_read_number(data["condition"]),
-        outcome=MethodOutcome[data["outcome"]],
-        history=tuple(
-            HistoryEntry(
-                merit=_read_number(entry["merit"]),
-                change=_read_number(entry["change"]),
-                damping=_read_finite(entry["damping"]),
-                norms=tuple(map(_read_number, entry["norms"])),
-            )
-            for entry in data["history"]
-        ),
-        trials=tuple(map(_read_trial, data["trials"])),
-        sources=tuple(map(_read_text, data["sources"])),
-        settings=dict(data["settings"]),
-        refused=tuple((_read_text(name), _read_text(reason)) for name, reason in data["refused"]),
-        covariance=covariance,
-        notices=tuple(Notice(**entry) for entry in data["notices"]),
-    )
-
-
-def _read_text(value: object) -> str:
-    if not isinstance(value, str):
-        message = f"expected text, got {value!r}"
-        raise TypeError(message)
-    return value
-
-
-def _read_flag(value: object) -> bool:
-    if not isinstance(value, bool):
-        message = f"expected true or false, got {value!r}"
-        raise TypeError(message)
-    return value
-
-
-def _read_finite(value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        message = f"expected a number, got {value!r}"
-        raise TypeError(message)
-    return float(value)
-
-
-def _read_number(value: object) -> float:
-    return math.inf if value is None else _read_finite(value)
-
-
-def _read_trial(entry: Mapping[str, Any]) -> MethodTrial:
-    error = entry["error"]
-    return MethodTrial(
-        method=_read_text(entry["method"]),
-        outcome=MethodOutcome[entry["outcome"]],
-        error=None if error is None else _read_finite(error),
-        values=tuple(map(_read_finite, entry["values"])),
-    )
-
-
-def _read_residual(entry: Mapping[str, Any]) -> Residual:
-    return Residual(
-        joint=_read_text(entry["joint"]),
-        norm=_read_finite(entry["norm"]),
-        relative_percent=_read_number(entry["relative_percent"]),
-        std=_read_number(entry["std"]),
-        samples=int(_read_finite(entry["samples"])),
-        unit=_read_text(entry["unit"]),
-    )
-
-
-def _read_spring(entry: Mapping[str, Any]) -> SpringEstimate:
-    truth = entry["truth"]
-    return SpringEstimate(
-        joint=_read_text(entry["joint"]),
-        torque_unit=_read_text(entry["torque_unit"]),
-        position_unit=_read_text(entry["position_unit"]),
-        torsion=_read_finite(entry["torsion"]),
-        excited=_read_finite(entry["excited"]),
-        torque=_read_finite(entry["torque"]),
-        elasticity=_read_elasticity(entry["elasticity"]),
-        truth=None if truth is None else _read_elasticity(truth),
-        # Estimates of before springs could be refused do not say.
-        told=_read_flag(entry.get("told", True)),
-        reason=_read_text(entry.get("reason", "")),
-    )
-
-
-def _read_elasticity(entry: Mapping[str, Any]) -> Elasticity:
-    return Elasticity(
-        stiffness=_read_finite(entry["stiffness"]),
-        damping=_read_finite(entry["damping"]),
-        cubic=_read_finite(entry["cubic"]),
-        stops=tuple(
-            Stop(threshold=_read_finite(stop["threshold"]), stiffness=_read_finite(stop["stiffness"]))
-            for stop in entry["stops"]
-        ),
-        knees=tuple(
-            Knee(threshold=_read_finite(knee["threshold"]), slope=_read_finite(knee["slope"]))
-            for knee in entry["knees"]
-        ),
-    )
+def name_friction(parameters: Sequence[str]) -> tuple[str, ...]:
+    """Return the friction models of joints whose parameters have these names; empty if they do not say."""
+    numbers = [name.removeprefix("IA") for name in parameters if re.fullmatch(r"IA\d+", name)]
+    letters = {letter for model in FRICTION_MODELS.values() for letter in model.parameters}
+    kinds = {model.parameters: kind.value for kind, model in FRICTION_MODELS.items()}
+    found = [
+        tuple(name.removesuffix(number) for name in parameters if name in {f"{x}{number}" for x in letters})
+        for number in numbers
+    ]
+    return tuple(kinds[entry] for entry in found) if all(entry in kinds for entry in found) else ()

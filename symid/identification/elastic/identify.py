@@ -1,7 +1,5 @@
 """Identification of elastic joints: recordings of both encoders to dynamics, friction and hysteresis.
 
-Library, recordings, ElasticOptions -> ElasticEstimate.
-
     Recording -> signals -> rows -> methods -> choice -> estimate, residuals, warnings
 
 A spring is refused where nothing of the joint torque that the motor equation shows is its doing: where it
@@ -16,7 +14,7 @@ only.
 
 import json
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,14 +26,14 @@ from symid.identification.diagnostics import warn_of_mass_matrix
 from symid.identification.elastic.estimate import (
     ElasticEstimate,
     MethodFit,
-    MethodOutcome,
     MethodTrial,
     SpringEstimate,
+    name_friction,
 )
 from symid.identification.elastic.methods import (
     ENERGY_METHODS,
-    CandidateScore,
     ElasticEquations,
+    MethodSelection,
     build_elastic_equations,
     build_linear_rows,
     choose_fit,
@@ -44,19 +42,19 @@ from symid.identification.elastic.methods import (
     fit_candidates,
     fit_method,
 )
-from symid.identification.elastic.options import ElasticOptions
+from symid.identification.elastic.options import ElasticOptions, NlpOptions
 from symid.identification.elastic.regression import (
     ElasticSignals,
     compute_window_work,
     get_encoder_positions,
     locate_settled,
 )
-from symid.identification.elastic.uncertainty import mask_identifiable
-from symid.identification.estimators import ParameterEstimate, Residual
-from symid.identification.regression import RankRule, compute_spectrum, warn_of_energy
+from symid.identification.elastic.uncertainty import measure_identifiability
+from symid.identification.estimators import Residual, list_parameters
+from symid.identification.regression import warn_of_energy
+from symid.ipopt import Ending
 from symid.joint_models import compute_hysteresis_torque
 from symid.logs import Recording, differentiate
-from symid.robot import Elasticity
 
 _NOTHING = 0.9
 """Of the joint torque's scatter; a spring that leaves as much explains less than a fifth of its square."""
@@ -68,7 +66,7 @@ def compute_torque_residuals(work: ElasticEquations, fit: MethodFit) -> tuple[Re
     target, spring = _compute_joint_torques(work, fit)
     errors = target - spring
     return tuple(
-        _build_residual(card.name, errors[:, joint], problem.torque[:, joint], card.torque_unit)
+        Residual.measure(card.name, errors[:, joint], problem.torque[:, joint], card.torque_unit)
         for joint, card in enumerate(problem.library.card.joints)
     )
 
@@ -93,29 +91,25 @@ def judge_springs(
     for joint, card in enumerate(work.problem.library.card.joints):
         stiff = fit.elasticity[joint].initial_stiffness
         if joint not in refused and not (stiff and left[joint] < _NOTHING * whole[joint]):
-            refused[joint] = _describe_no_spring(card.name, float(left[joint] / max(whole[joint], 1e-300)))
+            share = 100.0 * left[joint] / max(whole[joint], 1e-300)
+            text = (
+                f"joint {card.name!r}: no spring explains its torque: of the scatter of the joint torque "
+                f"that the motor equation shows, the one found leaves {share:.0f} %, and less than "
+                f"{100 * _NOTHING:g} % was wanted; check the sign and the factor of the torque, and whether "
+                "the positions of motor and link are swapped; where these are right, load the joint more, or "
+                "try another method"
+            )
+            refused[joint] = Notice(code="elastic.no-spring", text=text)
     if len(refused) == work.problem.sizes[1]:
         raise IdentifiabilityError(*(refused[joint] for joint in sorted(refused)), *doubts)
     return {joint: refused[joint] for joint in sorted(refused)}
 
 
-def _describe_no_spring(joint: str, share: float) -> Notice:
-    text = (
-        f"joint {joint!r}: no spring explains its torque: of the scatter of the joint torque that the motor "
-        f"equation shows, the one found leaves {100 * share:.0f} %, and less than {100 * _NOTHING:g} % was "
-        "wanted; check the sign and the factor of the torque, and whether the positions of motor and link "
-        "are swapped; where these are right, load the joint more, or try another method"
-    )
-    return Notice(code="elastic.no-spring", text=text)
-
-
 def _compute_joint_torques(work: ElasticEquations, fit: MethodFit) -> tuple[FloatArray, FloatArray]:
     """Return F[tau_J] (M, n) by the motor equation, and by the springs."""
     problem = work.problem
-    drive = fit.chi[problem.sizes[0] :]
     spring = [compute_spring_torque(problem, fit, number) for number in range(len(problem.signals))]
-    target: FloatArray = problem.torque - problem.motor @ drive
-    return target, np.concatenate(spring)
+    return problem.find_motor_side(fit.chi), np.concatenate(spring)
 
 
 def compute_energy_residual(work: ElasticEquations, fit: MethodFit) -> Residual:
@@ -126,7 +120,7 @@ def compute_energy_residual(work: ElasticEquations, fit: MethodFit) -> Residual:
         for signals, rows in zip(problem.signals, problem.energy, strict=True)
     ]
     errors = problem.supplied - np.concatenate(taken) - problem.design @ fit.chi
-    return _build_residual("all joints", errors, problem.supplied, "J")
+    return Residual.measure("all joints", errors, problem.supplied, "J")
 
 
 def list_springs(
@@ -151,28 +145,12 @@ def list_springs(
                 torsion=max(float(np.abs(part).max()) for part in phi),
                 excited=max(slipped, default=0.0),
                 torque=max(float(np.abs(part).max()) for part in torque),
-                truth=stated if stated is not None and _is_complete(stated) else None,
+                truth=stated if stated is not None and stated.initial_stiffness is not None else None,
                 told=joint not in refused,
                 reason=refused[joint].text if joint in refused else "",
             )
         )
     return tuple(springs)
-
-
-def _is_complete(elasticity: Elasticity) -> bool:
-    return elasticity.initial_stiffness is not None
-
-
-def _build_residual(name: str, errors: FloatArray, whole: FloatArray, unit: str) -> Residual:
-    norm, size = float(np.linalg.norm(errors)), float(np.linalg.norm(whole))
-    return Residual(
-        joint=name,
-        norm=norm,
-        relative_percent=100.0 * norm / size if size else float("inf"),
-        std=norm / float(np.sqrt(len(errors))),
-        samples=len(errors),
-        unit=unit,
-    )
 
 
 _CLEAR = 10.0
@@ -232,12 +210,17 @@ def warn_of_fit(
     work: ElasticEquations, fit: MethodFit, condition: float, refused: Collection[int] = ()
 ) -> tuple[Notice, ...]:
     """Return what a reader of the result should doubt; nothing of springs that are `refused`, by joint."""
+    notices = []
+    if fit.outcome not in {Ending.SOLVED, Ending.CONVERGED}:
+        text = f"the method {fit.method} ended early: {fit.outcome.value}"
+        notices.append(Notice(code="elastic.outcome", text=text))
+    poses = [Recording(time=part.time, position=part.q, torque=part.tau) for part in work.problem.signals]
     return (
-        *_warn_of_outcome(fit),
+        *notices,
         *_warn_of_deviations(work, fit),
         *warn_of_condition(work, fit, condition),
         *_warn_of_springs(work, fit, refused),
-        *_warn_of_mass(work, fit),
+        *warn_of_mass_matrix(work.problem.library, fit.beta, poses),
     )
 
 
@@ -265,8 +248,12 @@ def _list_hidden(card: ModelCard, recordings: Sequence[Recording]) -> Mapping[in
     drowned = np.all((torsions <= _CLEAR * noises) | (scatters <= _ABOVE * noises), axis=0)
     hidden = _list_dead_encoders(card, recordings)
     for joint in np.flatnonzero(drowned).tolist():
-        said = _describe_hidden(card.joints[joint].name, torsions[:, joint].max(), noises[:, joint].max())
-        hidden.setdefault(joint, said)
+        text = (
+            f"joint {card.joints[joint].name!r}: its torsion spans {torsions[:, joint].max():.3g}, the "
+            f"encoders' noise is {noises[:, joint].max():.3g}: nothing can be said of its spring; load it "
+            "more, use finer encoders, or describe the joint as rigid"
+        )
+        hidden.setdefault(joint, Notice(code="elastic.no-torsion", text=text))
     if len(hidden) == card.size:
         raise IdentifiabilityError(*hidden.values())
     return hidden
@@ -289,34 +276,32 @@ def _list_dead_encoders(card: ModelCard, recordings: Sequence[Recording]) -> dic
     return dead
 
 
-def _describe_hidden(joint: str, torsion: float, noise: float) -> Notice:
-    text = (
-        f"joint {joint!r}: its torsion spans {torsion:.3g}, the encoders' noise is {noise:.3g}: nothing can "
-        "be said of its spring; load it more, use finer encoders, or describe the joint as rigid"
-    )
-    return Notice(code="elastic.no-torsion", text=text)
-
-
-def _warn_of_outcome(fit: MethodFit) -> tuple[Notice, ...]:
-    if fit.outcome in {MethodOutcome.SOLVED, MethodOutcome.CONVERGED}:
-        return ()
-    text = f"the method {fit.method} ended early: {fit.outcome.value}"
-    return (Notice(code="elastic.outcome", text=text),)
-
-
 def _warn_of_deviations(work: ElasticEquations, fit: MethodFit) -> tuple[Notice, ...]:
     """Return what is known badly, and what is not known at all; what has no deviation is refused by name."""
     if fit.covariance is None:
         return ()
-    cards = list_parameter_cards(work.problem.library.card)
-    relative = compute_relative_deviations(work, fit)
     unknown = list_unknown_parameters(work, fit)
+    cards, relative = list_parameter_cards(work.problem.library.card), compute_relative_deviations(work, fit)
     vague = [
         card.name
         for card, ratio in zip(cards, relative, strict=True)
         if _VAGUE < ratio < np.inf and card.name not in unknown
     ]
-    return (*_warn_of_unknown(unknown), *_warn_of_imprecise(vague))
+    notices = []
+    if unknown:
+        text = (
+            f"not told by these logs: {', '.join(unknown)}: one standard deviation exceeds the value, so "
+            "that the value means nothing; move these joints, fast and slowly, alone and with the others"
+        )
+        notices.append(Notice(code="elastic.not-told", text=text))
+    if vague:
+        text = (
+            f"known to no better than {100 * _VAGUE:g} % (one standard deviation): {', '.join(vague)}; rotor "
+            "and link inertias come apart by fast motions only, gravity parameters by poses: add such "
+            "motions, or take rotor inertias from data sheets"
+        )
+        notices.append(Notice(code="elastic.vague", text=text))
+    return tuple(notices)
 
 
 def list_parameter_cards(card: ModelCard) -> tuple[ParameterCard, ...]:
@@ -373,27 +358,6 @@ def _measure_motions(signals: Sequence[ElasticSignals]) -> dict[str, float]:
     }
 
 
-def _warn_of_unknown(names: Collection[str]) -> tuple[Notice, ...]:
-    if not names:
-        return ()
-    text = (
-        f"not told by these logs: {', '.join(names)}: one standard deviation exceeds the value, so that the "
-        "value means nothing; move these joints, fast and slowly, alone and with the others"
-    )
-    return (Notice(code="elastic.not-told", text=text),)
-
-
-def _warn_of_imprecise(vague: Sequence[str]) -> tuple[Notice, ...]:
-    if not vague:
-        return ()
-    text = (
-        f"known to no better than {100 * _VAGUE:g} % (one standard deviation): {', '.join(vague)}; rotor and "
-        "link inertias come apart by fast motions only, gravity parameters by poses: add such motions, or "
-        "take rotor inertias from data sheets"
-    )
-    return (Notice(code="elastic.vague", text=text),)
-
-
 def warn_of_condition(work: ElasticEquations, fit: MethodFit, condition: float) -> tuple[Notice, ...]:
     """Return what is to be said of rows that tell parameters badly apart."""
     energy = fit.method in ENERGY_METHODS
@@ -431,7 +395,14 @@ def _warn_of_start(work: ElasticEquations, fit: MethodFit, joint: int) -> list[N
     for signals in work.problem.signals:
         phi = signals.phi[:, joint]
         most = float(np.max(np.abs(compute_hysteresis_torque(spring, phi))))
-        late = _list_late_stops(spring, phi, signals.settled, _FELT * most)
+        span, before = float(np.ptp(phi)), float(np.ptp(phi[: signals.settled + 1]))
+        late = [
+            (stop.threshold, stop.stiffness)
+            for stop in spring.stops
+            if stop.stiffness is not None
+            and stop.threshold * stop.stiffness > _FELT * most
+            and before < 2.0 * stop.threshold <= 0.95 * span
+        ]
         if not late:
             continue
         radius = late[-1][0]
@@ -446,42 +417,6 @@ def _warn_of_start(work: ElasticEquations, fit: MethodFit, joint: int) -> list[N
         )
         notices.append(Notice(code="elastic.unsettled", text=text))
     return notices
-
-
-def _list_late_stops(
-    spring: Elasticity, phi: FloatArray, settled: int, least: float
-) -> list[tuple[float, float]]:
-    """Return thresholds and stiffnesses of the stops that slip at last, though not before sample `settled`.
-
-    Stops that carry less than `least` (N m or N) are left out.
-    """
-    span, before = float(np.ptp(phi)), float(np.ptp(phi[: settled + 1]))
-    return [
-        (stop.threshold, stop.stiffness)
-        for stop in spring.stops
-        if stop.stiffness is not None
-        and stop.threshold * stop.stiffness > least
-        and before < 2.0 * stop.threshold <= 0.95 * span
-    ]
-
-
-def _warn_of_mass(work: ElasticEquations, fit: MethodFit) -> tuple[Notice, ...]:
-    problem = work.problem
-    poses = [
-        Recording(time=signals.time, position=signals.q, torque=signals.tau) for signals in problem.signals
-    ]
-    return warn_of_mass_matrix(problem.library, np.asarray(fit.beta), poses)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _MethodChoice:
-    """The fit taken, all that were made, their scores, why, and what a reader should know."""
-
-    fit: MethodFit
-    fits: tuple[MethodFit, ...]
-    scores: tuple[CandidateScore, ...]
-    reason: str
-    notices: tuple[Notice, ...] = ()
 
 
 def identify_elastic(
@@ -508,27 +443,43 @@ def identify_elastic(
     options = options or ElasticOptions()
     hidden = check_recordings(library.card, recordings)
     work = build_elastic_equations(library, tuple(recordings), options)
-    choice = _choose(work, options)
-    fit = choice.fit
-    told, condition = _measure_identifiability(build_linear_rows(work, fit).design)
+    fits: tuple[MethodFit, ...]
+    if options.method == "automatic":
+        fits = fit_candidates(work)
+        choice = choose_fit(work, fits)
+    else:
+        fits = (fit_method(work, options.method),)
+        choice = MethodSelection(fit=fits[0], scores=(), reason="the method was asked for")
+    fit, errors = choice.fit, {score.name: score.error for score in choice.scores}
+    cards = list_parameter_cards(library.card)
+    told, condition = measure_identifiability(build_linear_rows(work, fit).design)
     springs = judge_springs(work, fit, hidden, warn_of_condition(work, fit, condition))
     return ElasticEstimate(
         robot=library.card.robot,
         signature=library.card.signature,
+        friction=name_friction([entry.name for entry in cards]),
         method=fit.method,
         reason=choice.reason,
-        parameters=_list_parameters(library, fit),
+        parameters=list_parameters(cards, fit.chi, fit.covariance),
         springs=list_springs(work, fit, springs),
         residual=compute_torque_residuals(work, fit),
         energy=compute_energy_residual(work, fit),
         condition=condition,
         outcome=fit.outcome,
         history=fit.history,
-        trials=_list_trials(choice),
+        trials=tuple(
+            MethodTrial(
+                method=entry.method,
+                outcome=entry.outcome,
+                error=errors.get(entry.method),
+                values=tuple(map(float, entry.chi)),
+            )
+            for entry in fits
+        ),
         sources=tuple(recording.source for recording in recordings),
         settings=_write_settings(work, options, echo or {}),
         refused=_list_refused(library, told, list_unknown_parameters(work, fit), springs),
-        covariance=_write_covariance(fit),
+        covariance=() if fit.covariance is None else tuple(tuple(map(float, row)) for row in fit.covariance),
         notices=(
             *springs.values(),
             *choice.notices,
@@ -536,59 +487,6 @@ def identify_elastic(
             *warn_of_fit(work, fit, condition, springs),
         ),
     )
-
-
-def _choose(work: ElasticEquations, options: ElasticOptions) -> _MethodChoice:
-    if options.method != "automatic":
-        fit = fit_method(work, options.method)
-        return _MethodChoice(fit=fit, fits=(fit,), scores=(), reason="the method was asked for")
-    fits, missing = fit_candidates(work)
-    found = choose_fit(work, fits)
-    return _MethodChoice(
-        fit=found.fit,
-        fits=fits,
-        scores=found.scores,
-        reason=found.reason,
-        notices=(*missing, *found.notices),
-    )
-
-
-def _list_parameters(library: Library, fit: MethodFit) -> tuple[ParameterEstimate, ...]:
-    covariance = fit.covariance if fit.covariance is not None else np.zeros((len(fit.chi),) * 2)
-    deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    cards = list_parameter_cards(library.card)
-    return tuple(
-        ParameterEstimate(
-            name=card.name,
-            value=float(value),
-            std=float(deviation),
-            unit=card.unit,
-            expression=card.expression,
-            reason=card.reason,
-            truth=card.value,
-        )
-        for card, value, deviation in zip(cards, fit.chi, deviations, strict=True)
-    )
-
-
-def _list_trials(choice: _MethodChoice) -> tuple[MethodTrial, ...]:
-    errors = {score.name: score.error for score in choice.scores}
-    return tuple(
-        MethodTrial(
-            method=fit.method,
-            outcome=fit.outcome,
-            error=errors.get(fit.method),
-            values=tuple(map(float, fit.chi)),
-        )
-        for fit in choice.fits
-    )
-
-
-def _measure_identifiability(design: FloatArray) -> tuple[NDArray[np.bool_], float]:
-    """Return which parameters the rows tell, and the condition number over the directions that they see."""
-    spectrum = compute_spectrum(design, RankRule().zero)
-    seen = spectrum.singular > RankRule().singular * spectrum.singular[0]
-    return mask_identifiable(design), float(spectrum.singular[0] / spectrum.singular[seen][-1])
 
 
 def _list_refused(
@@ -607,10 +505,6 @@ def _list_refused(
     )
 
 
-def _write_covariance(fit: MethodFit) -> tuple[tuple[float, ...], ...]:
-    return () if fit.covariance is None else tuple(tuple(map(float, row)) for row in fit.covariance)
-
-
 def _write_settings(
     work: ElasticEquations, options: ElasticOptions, echo: Mapping[str, object]
 ) -> Mapping[str, object]:
@@ -618,5 +512,7 @@ def _write_settings(
     cutoffs = [part.cutoff for part in work.problem.signals]
     grid = [list(map(float, entry)) for entry in work.problem.thresholds]
     settings = {**echo, **asdict(options), "cutoffs": cutoffs, "grid": grid}
+    if options.nlp == NlpOptions():
+        del settings["nlp"]
     plain: dict[str, object] = json.loads(json.dumps(settings))
     return plain

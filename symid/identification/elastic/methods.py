@@ -1,7 +1,5 @@
 """The methods by name, how well each predicts held-out torques, and the automatic choice among them.
 
-Library, recordings, options -> ElasticEquations -> MethodFit; fits -> scores -> MethodSelection.
-
     score = mean of ((tau - Y chi) / sigma)^2 over all rows, each predicted by a fit without it
     (chi_nlp - chi_w)' C_w^-1 (chi_nlp - chi_w) <= chi^2_0.999(parameters),   C_w the covariance of chi_w
 
@@ -61,9 +59,8 @@ from symid.identification.elastic.two_step import (
 from symid.identification.elastic.uncertainty import (
     compute_clustered_covariance,
     mark_unidentifiable,
-    mask_identifiable,
+    measure_identifiability,
 )
-from symid.identification.hysteresis import build_elasticity
 from symid.joint_models import compute_hysteresis_torque
 from symid.logs import Recording
 
@@ -208,9 +205,10 @@ def fit_method(work: ElasticEquations, method: str) -> MethodFit:
 
     What the rows do not tell has an infinite variance.
     """
+    two_step = fit_alternation if work.problem.options.scheme == "same-cost" else fit_two_step
     makers: dict[str, Callable[[], MethodFit]] = {
         "linear-spring": lambda: fit_linear_spring(work.problem),
-        "two-step": lambda: _fit_iterated(work.problem),
+        "two-step": lambda: two_step(work.problem),
         "elimination": lambda: fit_elimination(work.problem),
         "weighted": lambda: _fit_weighted(work),
         "independent": lambda: fit_independent(work.problem),
@@ -219,7 +217,9 @@ def fit_method(work: ElasticEquations, method: str) -> MethodFit:
     fit = makers[method]()
     rows = build_linear_rows(work, fit)
     if fit.covariance is not None:
-        return replace(fit, covariance=mark_unidentifiable(fit.covariance, mask_identifiable(rows.design)))
+        return replace(
+            fit, covariance=mark_unidentifiable(fit.covariance, measure_identifiability(rows.design)[0])
+        )
     errors = rows.right - rows.design @ fit.chi
     return replace(fit, covariance=compute_clustered_covariance(rows.design, errors))
 
@@ -256,57 +256,46 @@ def build_candidate(work: ElasticEquations, fit: MethodFit) -> MethodCandidate:
     # What no method can tell does not set them apart.
     told = np.isfinite(np.diag(work.band.covariance))
     spread = float(np.max(compute_relative_deviations(work, fit)[told], initial=0.0))
+    count = len(fit.chi)
+    offset = np.zeros(count)
     if fit.method == "nlp":
-        return MethodCandidate(name=fit.method, refit=_refit_around(work, fit), spread=spread)
-    rows = build_linear_rows(work, fit)
-    folds = assign_folds(rows.time)
+        # Exact where the fit is the least-squares solution of these rows, and near to it the influence of
+        # the rows left out.
+        rows = _build_side_rows(work.wide, fit)
+        offset = fit.chi - solve_with_signs(card, rows.design, rows.right)
+    else:
+        rows = build_linear_rows(work, fit)
     if fit.method == "linear-spring":
         # Its springs are linear too, and are fitted with the dynamics.
-        rows = replace(rows, design=np.hstack([work.problem.design, compute_square_work(work.problem)]))
-        rows = replace(rows, right=work.problem.supplied)
-    count = len(fit.chi)
+        design = np.hstack([work.problem.design, compute_square_work(work.problem)])
+        rows = _LinearRows(design=design, right=work.problem.supplied, time=rows.time)
+    folds = assign_folds(rows.time)
 
     def refit(fold: int) -> FloatArray:
         kept = folds != fold
-        return solve_with_signs(card, rows.design[kept], rows.right[kept])[:count]
+        chi: FloatArray = offset + solve_with_signs(card, rows.design[kept], rows.right[kept])[:count]
+        return chi
 
     return MethodCandidate(name=fit.method, refit=refit, spread=spread)
 
 
-def _refit_around(work: ElasticEquations, fit: MethodFit) -> Callable[[int], FloatArray]:
-    """Return what gives the dynamics of `fit` without the rows of one fold, its springs held.
-
-    chi + (LS of the rows kept - LS of all rows), motor and link equations with the springs' torques, each
-    weighted by its scatter: exact where the fit is that least-squares solution, and near to it the influence
-    of the rows left out.
-    """
-    parts = [_build_side_rows(work.wide, fit, number) for number in range(len(work.wide.signals))]
-    design, right, time = (np.concatenate(entries) for entries in zip(*parts, strict=True))
-    card, folds = work.problem.library.card, assign_folds(time)
-    whole = solve_with_signs(card, design, right)
-
-    def refit(fold: int) -> FloatArray:
-        kept = folds != fold
-        moved: FloatArray = fit.chi + solve_with_signs(card, design[kept], right[kept]) - whole
-        return moved
-
-    return refit
-
-
-def _build_side_rows(
-    problem: ElasticProblem, fit: MethodFit, number: int
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return weighted motor and link rows (2 M n, p + n + pf), right sides and times of one recording."""
-    beta = problem.sizes[0]
-    rows = problem.filtered[number]
-    spring = compute_spring_torque(problem, fit, number)
-    design = np.zeros((2, *rows.torque.shape, len(fit.chi)))
-    design[0, :, :, beta:], design[1, :, :, :beta] = rows.motor, rows.link
-    right = np.stack([rows.torque - spring, spring])
-    floor = _FLOOR * max(float(np.sqrt(np.mean(rows.torque**2))), 1e-300)
-    scatter = np.maximum(np.sqrt(np.mean((right - design @ fit.chi) ** 2, axis=1)), floor)[:, None, :]
-    times = np.tile(_list_row_times(problem, number), 2)
-    return (design / scatter[..., None]).reshape(-1, len(fit.chi)), (right / scatter).reshape(-1), times
+def _build_side_rows(problem: ElasticProblem, fit: MethodFit) -> _LinearRows:
+    """Return motor and link equations with the springs' torques, each weighted by its scatter."""
+    designs, rights, times = [], [], []
+    for number, rows in enumerate(problem.filtered):
+        spring = compute_spring_torque(problem, fit, number)
+        beta = problem.sizes[0]
+        design = np.zeros((2, *rows.torque.shape, len(fit.chi)))
+        design[0, :, :, beta:], design[1, :, :, :beta] = rows.motor, rows.link
+        right = np.stack([rows.torque - spring, spring])
+        floor = _FLOOR * max(float(np.sqrt(np.mean(rows.torque**2))), 1e-300)
+        scatter = np.maximum(np.sqrt(np.mean((right - design @ fit.chi) ** 2, axis=1)), floor)[:, None, :]
+        designs.append((design / scatter[..., None]).reshape(-1, len(fit.chi)))
+        rights.append((right / scatter).reshape(-1))
+        times.append(np.tile(_list_row_times(problem, number), 2))
+    return _LinearRows(
+        design=np.concatenate(designs), right=np.concatenate(rights), time=np.concatenate(times)
+    )
 
 
 def compute_spring_torque(problem: ElasticProblem, fit: MethodFit, number: int) -> FloatArray:
@@ -341,22 +330,10 @@ def compute_relative_deviations(work: ElasticEquations, fit: MethodFit) -> Float
     return relative
 
 
-def _fit_iterated(problem: ElasticProblem) -> MethodFit:
-    if problem.options.scheme == "same-cost":
-        return fit_alternation(problem)
-    return fit_two_step(problem)
-
-
 def _fit_weighted(work: ElasticEquations) -> MethodFit:
     chi = work.band.chi
     springs = fit_springs(work.wide, average_sides(work.wide, chi))
-    return build_method_fit(
-        work.problem,
-        "weighted",
-        chi,
-        tuple(map(build_elasticity, springs)),
-        covariance=work.band.covariance,
-    )
+    return build_method_fit(work.problem, "weighted", chi, springs, covariance=work.band.covariance)
 
 
 def _fit_nlp(work: ElasticEquations) -> MethodFit:
@@ -365,8 +342,7 @@ def _fit_nlp(work: ElasticEquations) -> MethodFit:
 
     # Hardly filtered states bend its columns least, and its windows average their noise. Where the options
     # fix the places of stops and knees, the start is its own, which keeps them.
-    options = work.problem.options
-    start = _fit_weighted(work) if options.refine and options.thresholds is None else None
+    start = _fit_weighted(work) if work.problem.options.moves_stops else None
     return fit_nlp(work.wide, start=start).fit
 
 
@@ -390,30 +366,16 @@ class MethodSelection:
     notices: tuple[Notice, ...] = ()
 
 
-def fit_candidates(work: ElasticEquations) -> tuple[tuple[MethodFit, ...], tuple[Notice, ...]]:
-    """Return the fits of all candidates that can run here, and which cannot."""
-    if _has_casadi():
-        return tuple(fit_method(work, method) for method in AUTOMATIC_METHODS), ()
-    text = "CasADi is not installed: the method nlp was not among those compared"
-    fits = tuple(fit_method(work, method) for method in AUTOMATIC_METHODS if method != "nlp")
-    return fits, (Notice(code="elastic.no-casadi", text=text),)
-
-
-def _has_casadi() -> bool:
-    try:
-        import casadi  # noqa: F401  # only whether it is there
-    except ImportError:
-        return False
-    return True
+def fit_candidates(work: ElasticEquations) -> tuple[MethodFit, ...]:
+    """Return the fits of all methods that the automatic choice compares."""
+    return tuple(fit_method(work, method) for method in AUTOMATIC_METHODS)
 
 
 def choose_fit(work: ElasticEquations, fits: Sequence[MethodFit]) -> MethodSelection:
     """Return the choice among `fits`, at least one of which is usable."""
     usable = [fit for fit in fits if fit.outcome.usable and np.all(np.isfinite(fit.chi))]
-    agreeing = [
-        fit for fit in usable if fit.method != "nlp" or _compute_chi2(work, fit) <= _compute_limit(work)
-    ]
-    kept = agreeing or usable
+    limit = _compute_limit(work)
+    kept = [fit for fit in usable if fit.method != "nlp" or _compute_chi2(work, fit) <= limit] or usable
     candidates = [build_candidate(work, fit) for fit in kept]
     best, scores = choose_candidate(candidates, work.rows, work.band.scatter)
     taken = next(score for score in scores if score.name == best)
@@ -423,7 +385,16 @@ def choose_fit(work: ElasticEquations, fits: Sequence[MethodFit]) -> MethodSelec
         f"of {len(scores)} methods {best} {among} best the torques that dynamics were not fitted to, springs "
         f"held as found: mean squared error {taken.error:.4g} in units of the noise"
     )
-    notices = tuple(_warn_of_contradiction(work, fit) for fit in usable if fit not in kept)
+    notices = tuple(
+        Notice(
+            code="elastic.contradiction",
+            text=f"the method {fit.method} contradicts what the motions show without springs (chi^2 "
+            f"{_compute_chi2(work, fit):.3g}, limit {limit:.3g}) and was left out of the choice: its springs "
+            "do not describe these joints well enough",
+        )
+        for fit in usable
+        if fit not in kept
+    )
     return MethodSelection(
         fit=next(fit for fit in kept if fit.method == best), scores=scores, reason=reason, notices=notices
     )
@@ -444,12 +415,3 @@ def _compute_limit(work: ElasticEquations) -> float:
 
     count = np.count_nonzero(np.isfinite(np.diag(work.band.covariance)))
     return float(chdtri(count, 1.0 - _LEVEL))
-
-
-def _warn_of_contradiction(work: ElasticEquations, fit: MethodFit) -> Notice:
-    text = (
-        f"the method {fit.method} contradicts what the motions show without springs (chi^2 "
-        f"{_compute_chi2(work, fit):.3g}, limit {_compute_limit(work):.3g}) and was left out of the choice: "
-        "its springs do not describe these joints well enough"
-    )
-    return Notice(code="elastic.contradiction", text=text)

@@ -1,7 +1,5 @@
 """Dynamics, friction and hysteresis together, in one constrained problem: the one-shot reference.
 
-ElasticProblem -> NlpFit.
-
     rows         linear parts once, knees and Stribeck friction as steps          (nlp_rows)
     unknowns     chi, weights k >= 0, slopes c > 0, Fs, vs                        (nlp_cost)
     rounds       minimise sum_b |r_b|^2 / sigma_b^2 by Ipopt, then sigma_b <- rms r_b
@@ -12,11 +10,9 @@ ElasticProblem -> NlpFit.
 Unknowns are scaled by the lengths of their columns at the start, x = d z. All constraints are bounds, so
 that kkt is zero at a point that satisfies the Karush-Kuhn-Tucker conditions, and nowhere else; it is
 computed from our own gradient, whatever the solver says, and a few Newton steps with active bounds end
-every run. The Gauss-Newton step of the places is halved until the cost falls; no place moves past its
-neighbour, and no knee near zero torque. Stops and knees that are given, or on a grid, stay where they
-are; knees of a grid follow the torque that the springs reach. What no motion shows is said: stops beyond
-the torsion, knees beyond the torque. Two random starts end at the same optimum where their objectives
-differ by at most 1e-6 of the least one.
+every run. Stops and knees that are given, or on a grid, stay where they are; knees of a grid follow the
+torque that the springs reach. What no motion shows is said: stops beyond the torsion, knees beyond the
+torque.
 
 Supported: energy, filtered and momentum rows; Stribeck friction; odd springs; exact and Gauss-Newton
 Hessians.
@@ -24,58 +20,38 @@ Not supported: joint damping, cubic springs; another number of stops and knees t
 proof that no better optimum exists.
 """
 
-import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, FrozenArrays, freeze
+from symid.codegen import ModelCard
 from symid.errors import Notice
 from symid.identification.elastic.elimination import fit_elimination
-from symid.identification.elastic.estimate import HistoryEntry, MethodFit, MethodOutcome
+from symid.identification.elastic.estimate import HistoryEntry, MethodFit
 from symid.identification.elastic.nlp_cost import (
-    CostState,
     ElasticNlpCost,
     NlpLayout,
     SpringGrid,
     build_layout,
-    build_normal_equations,
     build_spring,
     build_start,
     compute_nlp_covariance,
-    draw_start,
     estimate_linear_sigmas,
     estimate_sigmas,
     flatten_slopes,
+    invert_normal_equations,
     list_weights,
 )
-from symid.identification.elastic.nlp_rows import NlpOptions, NlpRecording, build_nlp_recording, move_stops
+from symid.identification.elastic.nlp_rows import NlpRecording, build_nlp_recording, move_stops
+from symid.identification.elastic.options import NlpOptions
 from symid.identification.elastic.problem import ElasticProblem, build_method_fit
+from symid.identification.elastic.spring_fit import compute_room
 from symid.identification.elastic.two_step import fit_linear_spring
-from symid.identification.hysteresis import LEAST_KNEE, hold_knees
-from symid.ipopt import build_ipopt_functions, describe_ipopt_status
+from symid.identification.hysteresis import LEAST_KNEE, build_knee_grid
+from symid.ipopt import Ending, IpoptOptions, SmoothProblem, keep_last, minimise
 from symid.robot import Elasticity
-
-LINEAR_SOLVER = "mumps"
-"""The one that the wheel of CasADi carries and that works; others end at once or crash."""
-
-
-def translate_status(status: str, linear_solver: str) -> tuple[MethodOutcome, str]:
-    """Return the outcome and the reason in words.
-
-    Args:
-        status: Ipopt's return status.
-        linear_solver: the one that ran, by Ipopt's own log; empty where none ran.
-    """
-    name, reason = describe_ipopt_status(status)
-    outcome = MethodOutcome[name]
-    if outcome.usable and linear_solver != LINEAR_SOLVER:
-        text = f"the linear solver that ran is {linear_solver or 'not known'}, not {LINEAR_SOLVER}"
-        return MethodOutcome.FAILED, text
-    return outcome, reason
-
 
 _AT_BOUND = 1e-9
 """Distance in scaled unknowns below which a bound that the gradient pushes against is active."""
@@ -120,58 +96,41 @@ class Certificate:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class NlpRun:
+class NlpRun(FrozenArrays):
     """One run.
 
     Args:
         x: (x,) unknowns in SI units; objective: f; start: f at the start.
-        outcome, reason: how it ended; iterations: of Ipopt; status: Ipopt's own.
+        outcome, reason: how it ended.
     """
 
     x: FloatArray
     objective: float
     start: float
-    outcome: MethodOutcome
+    outcome: Ending
     reason: str
-    status: str
-    linear_solver: str
-    iterations: int
     certificate: Certificate
-
-    def __post_init__(self) -> None:
-        """Copy the array and make it read-only."""
-        object.__setattr__(self, "x", freeze(self.x))
 
     @property
     def converged(self) -> bool:
         """Return whether the run ended at an optimum."""
-        return self.outcome in {MethodOutcome.CONVERGED, MethodOutcome.ACCEPTABLE}
+        return self.outcome in {Ending.CONVERGED, Ending.ACCEPTABLE}
 
 
-class _ScaledCost:
-    """The cost at scaled unknowns; the last point is kept, as the solver asks for it several times."""
+def build_smooth_problem(cost: ElasticNlpCost, hessian: str) -> SmoothProblem:
+    """Return the problem of `cost`, with its "exact" or "gauss-newton" Hessian."""
+    state = keep_last(cost.find_state)
 
-    def __init__(self, cost: ElasticNlpCost, scales: FloatArray, hessian: str) -> None:
-        self.cost, self.scales, self.exact = cost, scales, hessian == "exact"
-        self.key = b""
-        self.kept: CostState | None = None
+    def find_hessian(x: FloatArray) -> FloatArray:
+        return cost.find_hessian(state(x), x) if hessian == "exact" else cost.find_gauss_newton(state(x))
 
-    def find_state(self, z: FloatArray) -> tuple[FloatArray, CostState]:
-        x = z * self.scales
-        if self.kept is None or self.key != x.tobytes():
-            self.kept, self.key = self.cost.find_state(x), x.tobytes()
-        return x, self.kept
-
-    def find_value(self, z: FloatArray) -> float:
-        return self.cost.find_value(self.find_state(z)[1])
-
-    def find_gradient(self, z: FloatArray) -> FloatArray:
-        return self.cost.find_gradient(self.find_state(z)[1]) * self.scales
-
-    def find_hessian(self, z: FloatArray) -> FloatArray:
-        x, state = self.find_state(z)
-        hessian = self.cost.find_hessian(state, x) if self.exact else self.cost.find_gauss_newton(state)
-        return hessian * self.scales * self.scales[:, None]
+    return SmoothProblem(
+        value=lambda x: cost.find_value(state(x)),
+        gradient=lambda x: cost.find_gradient(state(x)),
+        hessian=find_hessian,
+        lower=cost.layout.lower,
+        upper=cost.layout.upper,
+    )
 
 
 def compute_scales(cost: ElasticNlpCost, x: FloatArray) -> FloatArray:
@@ -192,18 +151,15 @@ def optimise_nlp(cost: ElasticNlpCost, start: FloatArray, scales: FloatArray, op
         options: Hessian, tolerance, limit of iterations.
     """
     layout = cost.layout
+    scaled = build_smooth_problem(cost, options.hessian).scale(scales)
     begin = np.clip(start, layout.lower, layout.upper) / scales
-    evaluator = _ScaledCost(cost, scales, options.hessian)
-    first = evaluator.find_value(begin)
-    z, status, iterations, solver = _run_ipopt(evaluator, begin, options)
-    outcome, reason = translate_status(status, solver)
-    if not np.all(np.isfinite(z)):
-        z, outcome, reason = begin, MethodOutcome.FAILED, f"the solver returned no finite numbers ({status})"
-    x = _polish(evaluator, z, layout.lower / scales, layout.upper / scales) * scales
-    x = np.clip(x, layout.lower, layout.upper)
+    first = scaled.value(begin)
+    run = minimise(scaled, begin, IpoptOptions(tolerance=options.tolerance, iterations=options.iterations))
+    outcome, reason = run.outcome, run.reason
+    x = np.clip(_polish(scaled, run.x) * scales, layout.lower, layout.upper)
     certificate = compute_certificate(cost, x, scales)
-    if outcome is MethodOutcome.CONVERGED and certificate.kkt > _KKT:
-        outcome = MethodOutcome.STALLED
+    if outcome is Ending.CONVERGED and certificate.kkt > _KKT:
+        outcome = Ending.STALLED
         reason = (
             f"Ipopt reports success, but the residual of the optimality conditions is {certificate.kkt:.1e}"
         )
@@ -213,9 +169,6 @@ def optimise_nlp(cost: ElasticNlpCost, start: FloatArray, scales: FloatArray, op
         start=first,
         outcome=outcome,
         reason=reason,
-        status=status,
-        linear_solver=solver,
-        iterations=iterations,
         certificate=certificate,
     )
 
@@ -253,25 +206,28 @@ def compute_certificate(cost: ElasticNlpCost, x: FloatArray, scales: FloatArray)
     )
 
 
-def _polish(evaluator: _ScaledCost, z: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+def _polish(problem: SmoothProblem, z: FloatArray) -> FloatArray:
     """Return z (x,) after Newton steps in the unknowns that no bound holds; the others go onto their bounds.
 
     An interior-point method stays off the bounds by its barrier over the multiplier. A step is kept while our
     own residual falls.
     """
+    low, high, hessian_of = problem.lower, problem.upper, problem.hessian
+    if hessian_of is None:
+        return np.clip(z, low, high)
     best = np.clip(z, low, high)
-    slope = evaluator.find_gradient(best)
+    slope = problem.gradient(best)
     residual = _compute_kkt(best, slope, low, high)
     for _ in range(_NEWTON_STEPS):
         near = np.minimum(np.abs(slope), _NEAR_BOUND)
         at_low, at_high = (best - low < near) & (slope > 0.0), (high - best < near) & (slope < 0.0)
         trial = np.where(at_low, low, np.where(at_high, high, best))
         free = np.flatnonzero(~(at_low | at_high))
-        hessian = evaluator.find_hessian(best)[np.ix_(free, free)]
-        away = evaluator.find_gradient(trial)
+        hessian = hessian_of(best)[np.ix_(free, free)]
+        away = problem.gradient(trial)
         trial[free] -= np.linalg.lstsq(hessian, away[free], rcond=1e-12)[0]
         trial = np.clip(trial, low, high)
-        slope = evaluator.find_gradient(trial)
+        slope = problem.gradient(trial)
         reached = _compute_kkt(trial, slope, low, high)
         if not reached < residual:
             break
@@ -283,57 +239,13 @@ def _compute_kkt(z: FloatArray, slope: FloatArray, low: FloatArray, high: FloatA
     return float(np.max(np.abs(z - np.clip(z - slope, low, high))))
 
 
-def _run_ipopt(
-    evaluator: _ScaledCost, begin: FloatArray, options: NlpOptions
-) -> tuple[FloatArray, str, int, str]:
-    """Return scaled unknowns, Ipopt's status, its iterations, and the linear solver that its log names."""
-    import casadi
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NlpPlace:
+    """A stop, or a knee, of a joint: the index of its threshold among those of the joint."""
 
-    layout = evaluator.cost.layout
-    functions = build_ipopt_functions(
-        layout.size, evaluator.find_value, evaluator.find_gradient, evaluator.find_hessian
-    )
-    unknowns = casadi.MX.sym("x", layout.size)
-    with tempfile.TemporaryDirectory() as folder:
-        log = Path(folder) / "ipopt.txt"
-        settings = {
-            "grad_f": functions.gradient,
-            "hess_lag": functions.hessian,
-            "no_nlp_grad": True,
-            "print_time": False,
-            "error_on_fail": False,
-            "ipopt": {
-                "print_level": 0,
-                "sb": "yes",
-                "output_file": str(log),
-                "file_print_level": 5,
-                "linear_solver": LINEAR_SOLVER,
-                "nlp_scaling_method": "none",
-                "bound_relax_factor": 0.0,
-                "tol": options.tolerance,
-                "max_iter": options.iterations,
-                "mu_strategy": "adaptive",
-            },
-        }
-        problem = {"x": unknowns, "f": functions.value(unknowns)}
-        solver = casadi.nlpsol("hysteresis", "ipopt", problem, settings)
-        scales = evaluator.scales
-        answer = solver(x0=begin, lbx=layout.lower / scales, ubx=layout.upper / scales)
-        statistics = solver.stats()
-        text = log.read_text() if log.is_file() else ""
-    solution = np.asarray(answer["x"], dtype=np.float64).ravel()
-    return (
-        solution,
-        str(statistics["return_status"]),
-        int(statistics["iter_count"]),
-        _read_linear_solver(text),
-    )
-
-
-def _read_linear_solver(log: str) -> str:
-    """Return the first word behind "linear solver" in Ipopt's log, in lower case; "" where there is none."""
-    _, found, rest = log.partition("running with linear solver ")
-    return rest.split()[0].lower().rstrip(".") if found else ""
+    joint: int
+    knee: bool
+    index: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -358,8 +270,7 @@ class NlpSetting:
     @property
     def stops_move(self) -> bool:
         """Return whether the data place the stops: not those that are given, or on a grid with the knees."""
-        options = self.problem.options
-        return options.refine and options.thresholds is None and self.knees is not None
+        return self.problem.options.moves_stops and self.knees is not None
 
     @property
     def knees_move(self) -> bool:
@@ -368,37 +279,49 @@ class NlpSetting:
 
     def lay_out(self, springs: Sequence[Elasticity]) -> NlpLayout:
         """Return the unknowns, with knees for what `springs` reach."""
-        knees = self.knees if self.knees is not None else _place_knees(self, springs)
         grids = []
         for joint, thresholds in enumerate(self.thresholds):
+            bases = [part.bases[joint] for part in self.recordings]
+            if self.knees is not None:
+                knees = self.knees[joint]
+            else:
+                weights = list_weights(springs[joint], thresholds)
+                inner = [basis @ weights for basis in bases]
+                count, odd = self.problem.options.knees, self.options.odd
+                knees = tuple(sorted(map(float, build_knee_grid(inner, count, odd=odd))))
             grid = SpringGrid(
                 thresholds=thresholds,
-                knees=knees[joint],
+                knees=knees,
                 stiffness=float(self.stiffness[joint]),
-                reach=max(float(np.abs(part.bases[joint][:, 0]).max()) for part in self.recordings),
+                reach=max(float(np.abs(basis[:, 0]).max()) for basis in bases),
             )
             grids.append(grid)
         return build_layout(self.problem.library.card, grids, self.options)
 
-    def move(
-        self, thresholds: Sequence[FloatArray], knees: tuple[tuple[float, ...], ...] | None
-    ) -> "NlpSetting":
-        """Return the setting with stops and knees elsewhere; rows are made anew where stops moved."""
-        moves = [
-            {int(place): float(new[place]) for place in np.flatnonzero(new != old)}
-            for old, new in zip(self.thresholds, thresholds, strict=True)
-        ]
+    def shift(self, places: Sequence[NlpPlace], steps: FloatArray) -> "NlpSetting":
+        """Return the setting with each of the places moved by a step (places,)."""
+        knees = [list(entries) for entries in self.knees or ()]
+        moves: list[dict[int, float]] = [{} for _ in self.thresholds]
+        for place, step in zip(places, steps.tolist(), strict=True):
+            if place.knee:
+                knees[place.joint][place.index] += step
+            elif step:
+                moves[place.joint][place.index] = float(self.thresholds[place.joint][place.index]) + step
+        moved = replace(self, knees=None if self.knees is None else tuple(map(tuple, knees)))
         if not any(moves):
-            return replace(self, knees=knees)
-        grids = tuple(map(freeze, thresholds))
+            return moved
+        grids = [grid.copy() for grid in self.thresholds]
+        for grid, entries in zip(grids, moves, strict=True):
+            grid[list(entries)] = list(entries.values())
+        thresholds = tuple(map(freeze, grids))
         if "filtered" in self.options.rows:
-            recordings = _build_recordings(self.problem, grids, self.options)
+            recordings = _build_recordings(self.problem, thresholds, self.options)
         else:
             recordings = tuple(
                 move_stops(recording, self.problem, number, moves)
                 for number, recording in enumerate(self.recordings)
             )
-        return replace(self, knees=knees, thresholds=grids, recordings=recordings)
+        return replace(moved, thresholds=thresholds, recordings=recordings)
 
 
 def prepare_setting(problem: ElasticProblem, options: NlpOptions, begin: MethodFit) -> NlpSetting:
@@ -428,39 +351,11 @@ def _build_recordings(
     return tuple(build_nlp_recording(problem, number, thresholds, options.rows) for number in numbers)
 
 
-def _place_knees(setting: NlpSetting, springs: Sequence[Elasticity]) -> tuple[tuple[float, ...], ...]:
-    """Return knees at (j - 1/2) / l of the greatest torque before the knees, on each side, none near zero."""
-    count = setting.problem.options.knees
-    places = (np.arange(count) + 0.5) / max(count, 1)
-    result = []
-    for joint, spring in enumerate(springs):
-        weights = list_weights(spring, setting.thresholds[joint])
-        torque = np.concatenate([part.bases[joint] @ weights for part in setting.recordings])
-        low, high = max(0.0, -float(torque.min())), max(0.0, float(torque.max()))
-        if setting.options.odd:
-            low = high = max(low, high)
-        below = hold_knees(-places * low if low else np.zeros(0), low)
-        above = hold_knees(places * high if high else np.zeros(0), high)
-        result.append(tuple(float(knee) for knee in (*below[::-1], *above)))
-    return tuple(result)
-
-
 REST_WEIGHT = 1e-9
 """Of the linear spring: weights below it are zero."""
 _SHIFT = 1e-4
 """Of the place of a stop or knee, for derivatives by it."""
-_STEP = 0.4
-"""Of the gap to its neighbour that a place may move at once."""
 _FRACTIONS = (1.0, 0.5, 0.25, 0.125)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NlpPlace:
-    """A stop, or a knee, of a joint: the index of its threshold among those of the joint."""
-
-    joint: int
-    knee: bool
-    index: int
 
 
 def list_places(setting: NlpSetting, cost: ElasticNlpCost, x: FloatArray) -> tuple[NlpPlace, ...]:
@@ -472,8 +367,7 @@ def list_places(setting: NlpSetting, cost: ElasticNlpCost, x: FloatArray) -> tup
             busy = np.flatnonzero(x[spring.weights][1:] > least)
             places += [NlpPlace(joint=joint, knee=False, index=int(stop)) for stop in busy]
         if setting.knees_move:
-            numbers = range(len(spring.knees))
-            places += [NlpPlace(joint=joint, knee=True, index=number) for number in numbers]
+            places += [NlpPlace(joint=joint, knee=True, index=knee) for knee in range(len(spring.knees))]
     return tuple(places)
 
 
@@ -484,10 +378,9 @@ def compute_place_slopes(
     before = cost.find_state(x).residuals
     slopes = []
     for place in places:
-        at = _get_position(setting, place)
-        step = _SHIFT * abs(at)
-        shifted = _shift(setting, [place], np.array([step]))
-        moved = _rebuild(cost, shifted).find_state(x).residuals
+        grids = (setting.knees or ()) if place.knee else setting.thresholds
+        step = _SHIFT * abs(float(grids[place.joint][place.index]))
+        moved = _rebuild(cost, setting.shift([place], np.array([step]))).find_state(x).residuals
         slopes.append([(after - now) / step for after, now in zip(moved, before, strict=True)])
     return slopes
 
@@ -503,36 +396,18 @@ def move_places(setting: NlpSetting, cost: ElasticNlpCost, x: FloatArray) -> tup
     places = list_places(setting, cost, x)
     if not places:
         return setting, x
-    equations = build_normal_equations(cost, x, compute_place_slopes(setting, cost, x, places))
-    step = equations.find_step()
+    inverse, scores = invert_normal_equations(cost, x, compute_place_slopes(setting, cost, x, places))
+    step = -inverse @ scores.sum(axis=0)
     value = cost.find_value(cost.find_state(x))
     lower, upper = _compute_place_limits(setting, cost, x, places)
     for fraction in _FRACTIONS:
         move = np.clip(fraction * step[len(x) :], lower, upper)
-        moved = _shift(setting, places, move)
+        moved = setting.shift(places, move)
         trial = _rebuild(cost, moved)
         start = np.clip(x + fraction * step[: len(x)], trial.layout.lower, trial.layout.upper)
         if trial.find_value(trial.find_state(start)) < value:
             return moved, start
     return setting, x
-
-
-def _get_position(setting: NlpSetting, place: NlpPlace) -> float:
-    if place.knee:
-        return (setting.knees or ())[place.joint][place.index]
-    return float(setting.thresholds[place.joint][place.index])
-
-
-def _shift(setting: NlpSetting, places: Sequence[NlpPlace], moves: FloatArray) -> NlpSetting:
-    """Return the setting with each of the places moved."""
-    thresholds = [grid.copy() for grid in setting.thresholds]
-    knees = [list(entries) for entries in setting.knees or ()]
-    for place, move in zip(places, moves, strict=True):
-        if place.knee:
-            knees[place.joint][place.index] += float(move)
-        else:
-            thresholds[place.joint][place.index] += move
-    return setting.move(thresholds, None if setting.knees is None else tuple(map(tuple, knees)))
 
 
 def _rebuild(cost: ElasticNlpCost, setting: NlpSetting) -> ElasticNlpCost:
@@ -548,27 +423,19 @@ def _compute_place_limits(
         bases = [part.bases[joint] for part in setting.recordings]
         reach = max(float(np.abs(basis[:, 0]).max()) for basis in bases)
         torque = np.concatenate([basis @ x[spring.weights] for basis in bases])
-        stops = [float(value) for value in setting.thresholds[joint]]
-        for index, (down, up) in enumerate(_list_room(stops, 0.0, reach)):
-            limits[NlpPlace(joint=joint, knee=False, index=index)] = (down, up)
+        for index, ends in enumerate(zip(*compute_room(setting.thresholds[joint], 0.0, reach), strict=True)):
+            limits[NlpPlace(joint=joint, knee=False, index=index)] = ends
         for side in (-1.0, 1.0):
             order = [index for index, knee in enumerate(spring.knees) if knee * side > 0.0]
             if side < 0.0:
                 order.reverse()
             edge = max(0.0, float(np.max(side * torque)))
-            room = _list_room([abs(spring.knees[index]) for index in order], LEAST_KNEE * edge, edge)
-            for index, (down, up) in zip(order, room, strict=True):
+            room = compute_room(np.abs([spring.knees[index] for index in order]), LEAST_KNEE * edge, edge)
+            for index, down, up in zip(order, *room, strict=True):
                 ends = (down, up) if side > 0.0 else (-up, -down)
                 limits[NlpPlace(joint=joint, knee=True, index=index)] = ends
     found = np.array([limits[place] for place in places])
     return found[:, 0], found[:, 1]
-
-
-def _list_room(places: Sequence[float], least: float, edge: float) -> Iterator[tuple[float, float]]:
-    """Yield how far each of the increasing places may move down and up between `least` and `edge`."""
-    ends = [min([least, *places[:1]]), *places, max([edge, *places[-1:]])]
-    for before, place, after in zip(ends[:-2], ends[1:-1], ends[2:], strict=True):
-        yield -_STEP * (place - before), _STEP * (after - place)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -597,13 +464,14 @@ def fit_nlp(
 
     Args:
         problem: recordings, grids, window and filter.
-        options: rows, friction, bounds, solver; None for the defaults.
+        options: rows, friction, bounds, solver; None for those of the problem.
         start: dynamics and springs to begin with, whose stops and knees move to better places near where the
             problem refines its grids. None for those of the elimination, or, where it does not, for linear
             springs on the grids.
     """
-    options = options or NlpOptions()
-    begin = start or _fit_start(problem)
+    options = options or problem.options.nlp
+    # Refined stops and knees begin where the elimination puts them.
+    begin = start or (fit_elimination(problem) if problem.options.moves_stops else fit_linear_spring(problem))
     setting = prepare_setting(problem, options, begin)
     layout = setting.lay_out(begin.elasticity)
     x = build_start(layout, begin.chi, begin.elasticity)
@@ -615,7 +483,14 @@ def fit_nlp(
         )
         scales = compute_scales(cost, x)
         run = optimise_nlp(cost, x, scales, options)
-        history.append(_build_history_entry(cost, run, x))
+        moved, end = run.x[layout.dynamics] - x[layout.dynamics], np.abs(run.x[layout.dynamics])
+        residuals = cost.find_state(run.x).residuals
+        entry = HistoryEntry(
+            merit=run.objective,
+            change=float(np.max(np.abs(moved) / np.maximum(end, 1e-3 * float(np.max(end))))),
+            norms=tuple(float(np.linalg.norm(residual)) for residual in residuals),
+        )
+        history.append(entry)
         if number == options.rounds or not run.outcome.usable:
             break
         sigmas = estimate_sigmas(cost, run.x)
@@ -631,16 +506,9 @@ def fit_nlp(
         history=tuple(history),
         outcome=run.outcome,
         covariance=compute_nlp_covariance(cost, run.x, slopes),
+        notices=(*_list_notices(run), *_describe_stribeck(problem.library.card, layout, run.x)),
     )
-    fit = replace(fit, notices=tuple(_list_notices(run)))
     return NlpFit(fit=fit, run=run, cost=cost, scales=scales, stiffness=setting.stiffness)
-
-
-def _fit_start(problem: ElasticProblem) -> MethodFit:
-    """Return dynamics and springs to begin with; refined stops and knees are those of the elimination."""
-    if problem.options.refine and problem.options.thresholds is None:
-        return fit_elimination(problem)
-    return fit_linear_spring(problem)
 
 
 def _carry_over(
@@ -662,18 +530,6 @@ def _carry_over(
     return setting, fresh, start
 
 
-def _build_history_entry(cost: ElasticNlpCost, run: NlpRun, start: FloatArray) -> HistoryEntry:
-    places = cost.layout.dynamics
-    step = run.x[places] - start[places]
-    size = np.maximum(np.abs(run.x[places]), 1e-3 * float(np.max(np.abs(run.x[places]))))
-    state = cost.find_state(run.x)
-    return HistoryEntry(
-        merit=run.objective,
-        change=float(np.max(np.abs(step) / size)),
-        norms=tuple(float(np.linalg.norm(residual)) for residual in state.residuals),
-    )
-
-
 def _list_notices(run: NlpRun) -> Iterator[Notice]:
     if not run.converged:
         text = f"the problem was not solved: {run.reason}; parameters and springs are those of its last point"
@@ -692,63 +548,22 @@ def _list_notices(run: NlpRun) -> Iterator[Notice]:
             yield Notice(code="elastic.nlp-limit", text=text)
 
 
+def _describe_stribeck(card: ModelCard, layout: NlpLayout, x: FloatArray) -> Iterator[Notice]:
+    """Yield the Stribeck friction that was found besides: no parameter of the model states it."""
+    for joint, excess, speed in zip(card.joints, x[layout.excess], x[layout.speed], strict=False):
+        text = f"joint {joint.name!r}: Stribeck friction on top of the model's: "
+        if excess > 0.0:
+            text += (
+                f"Fs = {excess:.4g} {joint.torque_unit}, vs = {speed:.4g} {joint.position_unit}/s; "
+                "predictions by the result leave it out"
+            )
+        else:
+            text += "none"
+        yield Notice(code="elastic.stribeck", text=text)
+
+
 def _read_springs(layout: NlpLayout, x: FloatArray, stiffness: FloatArray) -> tuple[Elasticity, ...]:
     return tuple(
         build_spring(spring, x, REST_WEIGHT * whole)
         for spring, whole in zip(layout.springs, stiffness, strict=True)
     )
-
-
-_SAME = 1e-6
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MultiStart:
-    """Runs from random starts, `runs`, besides the one of the fit, `reference`."""
-
-    reference: NlpRun
-    runs: tuple[NlpRun, ...]
-
-    @property
-    def best(self) -> NlpRun:
-        """Return the converged run of least objective; the reference where none converged."""
-        ends = [run for run in (self.reference, *self.runs) if run.converged]
-        return min(ends, key=lambda run: run.objective, default=self.reference)
-
-    @property
-    def agreeing(self) -> tuple[NlpRun, ...]:
-        """Return the runs that converged to the best optimum."""
-        return tuple(run for run in self.runs if run.converged and self._is_best(run))
-
-    @property
-    def others(self) -> tuple[NlpRun, ...]:
-        """Return the runs that converged to another optimum."""
-        return tuple(run for run in self.runs if run.converged and not self._is_best(run))
-
-    @property
-    def failed(self) -> tuple[NlpRun, ...]:
-        """Return the runs that did not converge; each has its reason."""
-        return tuple(run for run in self.runs if not run.converged)
-
-    def _is_best(self, run: NlpRun) -> bool:
-        least = self.best.objective
-        return abs(run.objective - least) <= _SAME * abs(least)
-
-
-def optimise_from_many(
-    fit: NlpFit, count: int, generator: np.random.Generator, options: NlpOptions | None = None
-) -> MultiStart:
-    """Return the ends of `count` random feasible starts of the problem of `fit`.
-
-    Args:
-        fit: its last round's cost is minimised again.
-        count: of starts.
-        generator: of the starts.
-        options: of the solver; None for the defaults.
-    """
-    options = options or NlpOptions()
-    runs = []
-    for _ in range(count):
-        start = draw_start(fit.cost.layout, fit.run.x, generator)
-        runs.append(optimise_nlp(fit.cost, start, fit.scales, options))
-    return MultiStart(reference=fit.run, runs=tuple(runs))

@@ -1,7 +1,5 @@
 """Unknowns and cost of the hysteresis-plus-friction problem, exact derivatives, starts, and the covariance.
 
-Model card, grids, NlpOptions -> NlpLayout; NlpRecording, NlpLayout, row weights -> ElasticNlpCost.
-
     x = [beta, IA, friction | Fs_i, vs_i | k0 .. km of joint 1, .. | slopes c of joint 1, ..]
     f(x) = 1 / (2 M) sum_b |r_b(x)|^2 / sigma_b^2,   M rows in all, sigma_b of block b
     H = 1 / M sum_b J_b' J_b / sigma_b^2 + 1 / M sum_b sum_i r_bi / sigma_b^2 d2 r_bi
@@ -14,9 +12,8 @@ in products of slopes and weights, at crossings of knees, and in the Stribeck ve
 within a stretch of time share the same noise (Liang and Zeger 1986); places of stops and knees that the
 data chose count as unknown.
 
-Supported: knees with slopes of their own on both sides, or odd springs whose sides share them; random
-starts from a generator that is passed in; unknowns at bounds or without effect, which count as known in
-the covariance.
+Supported: knees with slopes of their own on both sides, or odd springs whose sides share them; unknowns
+at bounds or without effect, which count as known in the covariance.
 Not supported: bounds on base parameters; starts outside the bounds; doubt about the number of stops and
 knees.
 """
@@ -31,15 +28,16 @@ from symid.arrays import FloatArray, freeze
 from symid.codegen import ModelCard
 from symid.identification.elastic.nlp_rows import (
     KneeSteps,
-    NlpOptions,
     NlpRecording,
     RowBlock,
     StepSums,
     build_knee_steps,
 )
+from symid.identification.elastic.options import NlpOptions
 from symid.identification.elastic.regression import list_lower_bounds
-from symid.joint_models import STRIBECK_PARAMETERS, StribeckCarrier, compute_stribeck_derivatives
-from symid.robot import Elasticity, Knee, Stop
+from symid.identification.hysteresis import build_stops
+from symid.joint_models import build_numpy_carrier, compute_stribeck_derivatives
+from symid.robot import Elasticity, Knee
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -61,6 +59,11 @@ class SpringLayout:
     slots: tuple[int, ...]
     changes: FloatArray
     offset: FloatArray
+
+    def find_changes(self, x: FloatArray) -> FloatArray:
+        """Return the changes of slope (entries,) of the unknowns x (x,)."""
+        found: FloatArray = self.changes @ x[self.slopes] + self.offset
+        return found
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -123,17 +126,17 @@ def build_layout(card: ModelCard, grids: Sequence[SpringGrid], options: NlpOptio
     if options.stribeck:
         excess = slice(len(names), len(names) + card.size)
         speed = slice(excess.stop, excess.stop + card.size)
-        names += [f"{parameter.name}{joint}" for parameter in STRIBECK_PARAMETERS for joint in joints]
+        names += [f"{parameter}{joint}" for parameter in ("Fs", "vs") for joint in joints]
         lower += [np.zeros(card.size), np.full(card.size, options.speeds[0])]
         upper += [np.full(card.size, np.inf), np.full(card.size, options.speeds[1])]
     springs = []
     for joint, grid in zip(joints, grids, strict=True):
-        tied = _tie_knees(grid.knees, odd=options.odd)
-        springs.append(_place_spring(grid, tied, len(names)))
+        spring, places = _place_spring(grid, len(names), odd=options.odd)
+        springs.append(spring)
         names += [f"k{stop} of joint {joint}" for stop in range(len(grid.thresholds) + 1)]
-        names += [f"slope beyond {place} of joint {joint}" for place in tied.names]
+        names += [f"slope beyond {place} of joint {joint}" for place in places]
         least, limit = (factor * grid.stiffness for factor in (options.least_stiffness, options.weight_limit))
-        count = len(tied.names)
+        count = len(places)
         lower += [np.array([least]), np.zeros(len(grid.thresholds)), np.full(count, options.slopes[0])]
         upper += [np.array([limit]), np.where(grid.thresholds < grid.reach, limit, 0.0)]
         upper += [np.full(count, options.slopes[1])]
@@ -161,8 +164,7 @@ def flatten_slopes(layout: NlpLayout, x: FloatArray, undetermined: Sequence[str]
 
 def build_spring(spring: SpringLayout, values: FloatArray, least: float) -> Elasticity:
     """Return the spring of the unknowns `values` (x,); weights up to `least` N m/rad are zero."""
-    weights = values[spring.weights]
-    changes = spring.changes @ values[spring.slopes] + spring.offset
+    weights, changes = values[spring.weights], spring.find_changes(values)
     knees = [
         Knee(threshold=torque, slope=float(changes[slot]))
         for torque, slot in sorted(zip(spring.knees, spring.slots, strict=True))
@@ -170,66 +172,42 @@ def build_spring(spring: SpringLayout, values: FloatArray, least: float) -> Elas
     ]
     return Elasticity(
         stiffness=float(weights[0]),
-        stops=tuple(
-            Stop(threshold=float(threshold), stiffness=float(weight))
-            for threshold, weight in zip(spring.thresholds, weights[1:], strict=True)
-            if weight > least
-        ),
+        stops=build_stops(spring.thresholds, weights[1:], least),
         knees=tuple(knees),
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _TiedKnees:
-    """Names of the slopes; changes of slope = changes @ slopes + offset; the entry of each knee."""
-
-    names: tuple[str, ...]
-    changes: FloatArray
-    offset: FloatArray
-    slots: tuple[int, ...]
-
-
-def _place_spring(grid: SpringGrid, tied: _TiedKnees, first: int) -> SpringLayout:
-    weights = slice(first, first + len(grid.thresholds) + 1)
-    return SpringLayout(
-        weights=weights,
-        slopes=slice(weights.stop, weights.stop + len(tied.names)),
-        thresholds=freeze(grid.thresholds),
-        knees=grid.knees,
-        slots=tied.slots,
-        changes=tied.changes,
-        offset=tied.offset,
-    )
-
-
-def _tie_knees(knees: tuple[float, ...], *, odd: bool) -> _TiedKnees:
-    """Return how slopes make the knees; on each side from zero outwards."""
+def _place_spring(grid: SpringGrid, first: int, *, odd: bool) -> tuple[SpringLayout, tuple[str, ...]]:
+    """Return a spring whose unknowns begin at `first`, and names of its slopes, from zero outwards."""
+    knees = grid.knees
     if odd:
         sides = [sorted({abs(knee) for knee in knees})]
     else:
         sides = [sorted((knee for knee in knees if knee * side > 0), key=abs) for side in (-1.0, 1.0)]
     order = [knee for side in sides for knee in side]
-    changes = np.eye(len(order))
-    offset = np.zeros(len(order))
+    changes, offset = np.eye(len(order)), np.zeros(len(order))
     start = 0
     for side in sides:
-        for place in range(start, start + len(side)):
-            if place == start:
-                offset[place] = -1.0
-            else:
-                changes[place, place - 1] = -1.0
+        # A knee changes the slope from that of the knee before it, or from one.
+        offset[start : start + min(len(side), 1)] = -1.0
+        for place in range(start + 1, start + len(side)):
+            changes[place, place - 1] = -1.0
         start += len(side)
-    sign = "+-" if odd else ""
-    return _TiedKnees(
-        names=tuple(f"{sign}{knee:.6g}" for knee in order),
+    weights = slice(first, first + len(grid.thresholds) + 1)
+    spring = SpringLayout(
+        weights=weights,
+        slopes=slice(weights.stop, weights.stop + len(order)),
+        thresholds=freeze(grid.thresholds),
+        knees=knees,
+        slots=tuple(order.index(abs(knee) if odd else knee) for knee in knees),
         changes=freeze(changes),
         offset=freeze(offset),
-        slots=tuple(order.index(abs(knee) if odd else knee) for knee in knees),
     )
+    return spring, tuple(f"{'+-' if odd else ''}{knee:.6g}" for knee in order)
 
 
 Places = NDArray[np.intp]
-_NUMPY = StribeckCarrier(exp=np.exp, sign=np.sign, tanh=np.tanh)
+_NUMPY = build_numpy_carrier()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -270,23 +248,17 @@ class ElasticNlpCost:
 
     def find_state(self, x: FloatArray) -> CostState:
         """Return residuals and their derivatives at the unknowns x."""
-        residuals: list[FloatArray] = []
-        places: list[Places] = []
-        jacobians: list[FloatArray] = []
-        knees, friction = [], []
+        blocks, knees, friction = [], [], []
         for part in self.recordings:
             knees.append(self._find_knees(part, x))
             friction.append(self._find_friction(part, x))
             shared = _Shared(self.layout, x, knees[-1], friction[-1])
-            for block in part.blocks:
-                residual, place, jacobian = shared.find_block(block)
-                residuals.append(residual)
-                places.append(place)
-                jacobians.append(jacobian)
+            blocks += [shared.find_block(block) for block in part.blocks]
+        residuals, places, jacobians = zip(*blocks, strict=True)
         return CostState(
-            residuals=tuple(residuals),
-            places=tuple(places),
-            jacobians=tuple(jacobians),
+            residuals=residuals,
+            places=places,
+            jacobians=jacobians,
             knees=tuple(knees),
             friction=tuple(friction),
         )
@@ -299,14 +271,14 @@ class ElasticNlpCost:
     def find_gradient(self, state: CostState) -> FloatArray:
         """Return df/dx (x,)."""
         gradient = np.zeros(self.layout.size)
-        for r, place, jacobian, sigma in self._walk(state):
+        for r, place, jacobian, sigma in self.list_blocks(state):
             gradient[place] += jacobian.T @ r / sigma**2
         return gradient / self.rows
 
     def find_gauss_newton(self, state: CostState) -> FloatArray:
         """Return the Hessian (x, x) without second derivatives of the residuals."""
         hessian = np.zeros((self.layout.size,) * 2)
-        for _, place, jacobian, sigma in self._walk(state):
+        for _, place, jacobian, sigma in self.list_blocks(state):
             hessian[np.ix_(place, place)] += jacobian.T @ jacobian / sigma**2
         return hessian / self.rows
 
@@ -320,30 +292,34 @@ class ElasticNlpCost:
             for block in part.blocks:
                 residual, sigma = pending.pop(0)
                 rows = -residual / (sigma**2 * self.rows)
-                for spring in block.springs:
-                    if self.layout.springs[spring.joint].knees:
-                        pulls[spring.joint] += spring.sums.spread(block.sign * rows)
+                for entry in block.springs:
+                    if self.layout.springs[entry.joint].knees:
+                        pulls[entry.joint] += entry.sums.spread(block.sign * rows)
                 for joint, sums in block.friction if friction else ():
                     drags[joint] += sums.spread(rows)
-            for joint, steps in enumerate(knees):
-                _add_knees(hessian, self.layout.springs[joint], steps, pulls[joint], x)
+            for spring, steps, pull in zip(self.layout.springs, knees, pulls, strict=True):
+                if spring.knees:
+                    cross = steps.find_cross(pull) @ spring.changes
+                    hessian[spring.weights, spring.slopes] += cross
+                    hessian[spring.slopes, spring.weights] += cross.T
+                    bend = steps.find_curvature(pull, spring.find_changes(x))
+                    hessian[spring.weights, spring.weights] += bend
             for joint, rates in enumerate(friction):
                 excess, speed = self.layout.excess.start + joint, self.layout.speed.start + joint
-                cross = float(drags[joint] @ rates[:, 1])
-                hessian[excess, speed] += cross
-                hessian[speed, excess] += cross
+                mixed = float(drags[joint] @ rates[:, 1])
+                hessian[excess, speed] += mixed
+                hessian[speed, excess] += mixed
                 hessian[speed, speed] += x[excess] * float(drags[joint] @ rates[:, 2])
         return hessian
 
-    def _walk(self, state: CostState) -> Iterator[tuple[FloatArray, Places, FloatArray, float]]:
+    def list_blocks(self, state: CostState) -> Iterator[tuple[FloatArray, Places, FloatArray, float]]:
+        """Yield residual, places, Jacobian and scale of every block."""
         return zip(state.residuals, state.places, state.jacobians, self.sigmas, strict=True)
 
     def _find_knees(self, part: NlpRecording, x: FloatArray) -> tuple[KneeSteps, ...]:
         return tuple(
-            build_knee_steps(
-                basis, middle, x[spring.weights], tuple(zip(spring.knees, spring.slots, strict=True))
-            )
-            for spring, basis, middle in zip(self.layout.springs, part.bases, part.middles, strict=True)
+            build_knee_steps(basis, x[spring.weights], tuple(zip(spring.knees, spring.slots, strict=True)))
+            for spring, basis in zip(self.layout.springs, part.bases, strict=True)
         )
 
     def _find_friction(self, part: NlpRecording, x: FloatArray) -> tuple[FloatArray, ...]:
@@ -364,7 +340,7 @@ class _Shared:
     ) -> None:
         self.layout, self.x, self.knees, self.friction = layout, x, knees, friction
         self.known: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}
-        self.steps: dict[int, tuple[FloatArray, FloatArray]] = {}
+        self.steps: dict[int, FloatArray] = {}
 
     def find_block(self, block: RowBlock) -> tuple[FloatArray, Places, FloatArray]:
         """Return residual, places and Jacobian of a block."""
@@ -378,7 +354,7 @@ class _Shared:
             slope = spring.columns
             if place.knees:
                 means, bends = self._add_knees(spring.joint, spring.sums)
-                torque = torque + means @ (place.changes @ x[place.slopes] + place.offset)
+                torque = torque + means @ place.find_changes(x)
                 slope = slope + bends
                 places.append(np.arange(place.slopes.start, place.slopes.stop))
                 columns.append(-block.sign * means @ place.changes)
@@ -398,25 +374,10 @@ class _Shared:
         key = (joint, id(sums))
         if key not in self.known:
             if joint not in self.steps:
-                place, steps = self.layout.springs[joint], self.knees[joint]
-                changes = place.changes @ self.x[place.slopes] + place.offset
-                self.steps[joint] = steps.find_means(), steps.find_slopes(changes)
-            means, bends = self.steps[joint]
-            self.known[key] = sums.add(means), sums.add(bends)
+                changes = self.layout.springs[joint].find_changes(self.x)
+                self.steps[joint] = self.knees[joint].find_slopes(changes)
+            self.known[key] = sums.add(self.knees[joint].means), sums.add(self.steps[joint])
         return self.known[key]
-
-
-def _add_knees(
-    hessian: FloatArray, spring: SpringLayout, steps: KneeSteps, pull: FloatArray, x: FloatArray
-) -> None:
-    """Add what the knees of one joint bend to the Hessian, in place; `pull` (N - 1,) multiplies steps."""
-    if not spring.knees:
-        return
-    cross = steps.find_cross(pull) @ spring.changes
-    hessian[spring.weights, spring.slopes] += cross
-    hessian[spring.slopes, spring.weights] += cross.T
-    changes = spring.changes @ x[spring.slopes] + spring.offset
-    hessian[spring.weights, spring.weights] += steps.find_curvature(pull, changes)
 
 
 _FIRST_SHARE = 0.7
@@ -450,33 +411,9 @@ def build_start(layout: NlpLayout, chi: FloatArray, springs: Sequence[Elasticity
     for place, spring in zip(layout.springs, springs, strict=True):
         x[place.weights] = list_weights(spring, place.thresholds)
         changes = np.zeros(len(place.offset))
-        slopes = [_compute_local_slope(spring, knee) for knee in place.knees]
-        changes[list(place.slots)] = slopes
+        changes[list(place.slots)] = [_compute_local_slope(spring, knee) for knee in place.knees]
         x[place.slopes] = changes
     return np.clip(x, layout.lower, layout.upper)
-
-
-def draw_start(layout: NlpLayout, x: FloatArray, generator: np.random.Generator) -> FloatArray:
-    """Return random unknowns (x,) between their bounds, around the size of the given ones but not close.
-
-    Dynamic parameters between half and twice the given ones, springs likewise with random shares of their
-    stops, slopes between 0.4 and 2.5, Stribeck velocities over their range.
-    """
-    start = np.array(x)
-    count = layout.dynamics.stop
-    start[layout.dynamics] *= 2.0 ** generator.uniform(-1.0, 1.0, size=count)
-    for spring in layout.springs:
-        whole = float(np.sum(x[spring.weights]))
-        shares = generator.dirichlet(np.ones(len(spring.thresholds) + 1))
-        start[spring.weights] = shares * whole * 2.0 ** generator.uniform(-1.0, 1.0)
-        slopes = spring.slopes.stop - spring.slopes.start
-        start[spring.slopes] = 2.5 ** generator.uniform(-1.0, 1.0, size=slopes)
-    start[layout.speed] = np.exp(
-        generator.uniform(np.log(layout.lower[layout.speed]), np.log(layout.upper[layout.speed]))
-    )
-    friction = float(np.max(np.abs(x[layout.dynamics]), initial=0.0))
-    start[layout.excess] = generator.uniform(0.0, friction, size=layout.excess.stop - layout.excess.start)
-    return np.clip(start, layout.lower, layout.upper)
 
 
 def estimate_linear_sigmas(
@@ -525,42 +462,6 @@ _STRETCHES = 100
 _NEAR = 1e-6
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class NlpEquations:
-    """Normal equations of unknowns x and of places behind them: s = len(x) + places.
-
-    Args:
-        curvature: (s, s) sum of J'J / sigma^2.
-        scores: (stretches, s) sums of J'r / sigma^2 over stretches of time.
-        free: which of them have an effect and stand at no bound.
-    """
-
-    curvature: FloatArray
-    scores: FloatArray
-    free: NDArray[np.intp]
-
-    def find_step(self) -> FloatArray:
-        """Return -H^-1 g (s,), zero where nothing is free."""
-        inverse, lengths = self._invert()
-        step = np.zeros(len(self.curvature))
-        step[self.free] = -(inverse @ (self.scores.sum(axis=0)[self.free] / lengths)) / lengths
-        return step
-
-    def find_covariance(self) -> FloatArray:
-        """Return H^-1 (sum_b g_b g_b') H^-1 (s, s), zero where nothing is free."""
-        inverse, lengths = self._invert()
-        spread = (self.scores[:, self.free] / lengths) @ inverse / lengths
-        covariance = np.zeros_like(self.curvature)
-        covariance[np.ix_(self.free, self.free)] = spread.T @ spread
-        return covariance
-
-    def _invert(self) -> tuple[FloatArray, FloatArray]:
-        """Return the inverse with scaled unknowns, and their scales."""
-        lengths = np.sqrt(np.diag(self.curvature))[self.free]
-        scaled = self.curvature[np.ix_(self.free, self.free)] / np.outer(lengths, lengths)
-        return np.linalg.pinv(scaled, rcond=1e-10, hermitian=True), lengths
-
-
 def compute_nlp_covariance(
     cost: ElasticNlpCost, x: FloatArray, places: Sequence[Sequence[FloatArray]] = ()
 ) -> FloatArray:
@@ -571,40 +472,36 @@ def compute_nlp_covariance(
         x: its unknowns.
         places: for each stop or knee, the derivative of every block's residuals by its place (M_b,).
     """
-    dynamics = cost.layout.dynamics
-    return build_normal_equations(cost, x, places).find_covariance()[dynamics, dynamics]
+    inverse, scores = invert_normal_equations(cost, x, places)
+    spread = scores @ inverse[:, cost.layout.dynamics]
+    return spread.T @ spread
 
 
-def build_normal_equations(
+def invert_normal_equations(
     cost: ElasticNlpCost, x: FloatArray, places: Sequence[Sequence[FloatArray]] = ()
-) -> NlpEquations:
-    """Return the normal equations at `x`; arguments as those of `compute_nlp_covariance`."""
+) -> tuple[FloatArray, FloatArray]:
+    """Return H^-1 (s, s) of unknowns x and places behind them, and scores (stretches, s): J'r / sigma^2.
+
+    H^-1 is zero for what has no effect or stands at a bound. Arguments as those of `compute_nlp_covariance`.
+    """
     state = cost.find_state(x)
     size = len(x) + len(places)
-    curvature, scores = np.zeros((size, size)), []
-    entries = iter(zip(state.residuals, state.places, state.jacobians, cost.sigmas, strict=True))
-    number = 0
-    for part in cost.recordings:
-        score = np.zeros((_STRETCHES, size))
-        for _ in part.blocks:
-            residual, known, jacobian, sigma = next(entries)
-            rows = np.zeros((len(residual), size))
-            rows[:, known] = jacobian
-            for column, slopes in enumerate(places, start=len(x)):
-                rows[:, column] = slopes[number]
-            curvature += rows.T @ rows / sigma**2
-            stretch = (np.arange(len(residual)) * _STRETCHES) // len(residual)
-            np.add.at(score, stretch, rows * (residual / sigma**2)[:, None])
-            number += 1
-        scores.append(score)
-    free = _mask_free(cost, x, np.sqrt(np.diag(curvature)))
-    return NlpEquations(curvature=curvature, scores=np.vstack(scores), free=np.flatnonzero(free))
-
-
-def _mask_free(cost: ElasticNlpCost, x: FloatArray, lengths: FloatArray) -> NDArray[np.bool_]:
-    """Return which unknowns, places of stops and knees behind them, have an effect and stand at no bound."""
-    layout = cost.layout
-    reach = np.maximum(np.abs(x), 1e-12)
-    inside: NDArray[np.bool_] = (x - layout.lower > _NEAR * reach) & (layout.upper - x > _NEAR * reach)
-    places = np.ones(len(lengths) - len(x), dtype=bool)
-    return np.concatenate([inside, places]) & (lengths > 0.0)
+    curvature, scores = np.zeros((size, size)), np.zeros((len(cost.recordings), _STRETCHES, size))
+    owners = [index for index, part in enumerate(cost.recordings) for _ in part.blocks]
+    for number, (residual, known, jacobian, sigma) in enumerate(cost.list_blocks(state)):
+        rows = np.zeros((len(residual), size))
+        rows[:, known] = jacobian
+        for column, slopes in enumerate(places, start=len(x)):
+            rows[:, column] = slopes[number]
+        curvature += rows.T @ rows / sigma**2
+        stretch = (np.arange(len(residual)) * _STRETCHES) // len(residual)
+        np.add.at(scores[owners[number]], stretch, rows * (residual / sigma**2)[:, None])
+    lengths = np.sqrt(np.diag(curvature))
+    reach = _NEAR * np.maximum(np.abs(x), 1e-12)
+    is_free = lengths > 0.0
+    is_free[: len(x)] &= (x - cost.layout.lower > reach) & (cost.layout.upper - x > reach)
+    free = np.ix_(is_free, is_free)
+    sizes = np.outer(lengths, lengths)[free]
+    inverse = np.zeros_like(curvature)
+    inverse[free] = np.linalg.pinv(curvature[free] / sizes, rcond=1e-10, hermitian=True) / sizes
+    return inverse, scores.reshape(-1, size)

@@ -1,7 +1,5 @@
 """Rows of the hysteresis-plus-friction problem: what is linear is worked out once, the rest step by step.
 
-ElasticProblem, NlpOptions -> NlpRecording, one a recording, with its row blocks and knees.
-
     energy            y - dynamics chi - sum_i (work of spring i) = 0           one row a window
     motor, link       filtered or integrated over windows ("momentum"):
         motor         y - [IA, f] columns - tau_J part = 0
@@ -22,45 +20,33 @@ slope too.
 Not supported: joint damping; friction on the link side; knees at zero torque; windows that overlap.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, freeze
-from symid.errors import Notice, UsageError
+from symid.arrays import FloatArray, FrozenArrays
+from symid.codegen import Library
 from symid.identification.elastic.problem import ElasticProblem
-from symid.identification.elastic.regression import ElasticSignals, filter_smooth
+from symid.identification.elastic.regression import (
+    ElasticSignals,
+    EnergyWindows,
+    FilteredRows,
+    build_equations,
+    filter_smooth,
+)
 from symid.joint_models import compute_stop_basis, compute_work_columns
 
 
-class StepSums(Protocol):
-    """A linear map from steps to rows."""
-
-    def add(self, steps: FloatArray) -> FloatArray:
-        """Return the rows (M, ...) of step means (N - 1, ...)."""
-        ...
-
-    def spread(self, rows: FloatArray) -> FloatArray:
-        """Return the steps (N - 1,) that the adjoint makes of rows (M,)."""
-        ...
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class WindowSums:
+class WindowSums(FrozenArrays):
     """Sums over `count` windows of `length` steps from step `first` on, with one weight a step (N - 1,)."""
 
     first: int
     length: int
     count: int
     weights: FloatArray
-
-    def __post_init__(self) -> None:
-        """Copy the weights and make them read-only."""
-        object.__setattr__(self, "weights", freeze(self.weights))
 
     def add(self, steps: FloatArray) -> FloatArray:
         """Return the rows (M, ...) of step means (N - 1, ...)."""
@@ -128,127 +114,82 @@ class FilterSums:
         return weights
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class KneePass:
-    """One knee along a recording.
-
-    Args:
-        slot: the slope variable that it belongs to.
-        side: 1 for a knee above zero torque, -1 below.
-        mean: (N - 1,) mean dead zone over each step, N m or N.
-        beyond: (N - 1,) 1 where both ends of a step lie beyond the knee, else 0.
-        crossings: (c,) steps that cross it.
-        start, end: (c,) derivatives of the mean by v at the step's ends.
-        place: (c,) where the step crosses, 0 at its start.
-        width: (c,) change of v over the step.
-    """
-
-    slot: int
-    side: float
-    mean: FloatArray
-    beyond: FloatArray
-    crossings: NDArray[np.intp]
-    start: FloatArray
-    end: FloatArray
-    place: FloatArray
-    width: FloatArray
+StepSums = WindowSums | FilterSums
+"""A linear map from steps to rows, with its adjoint."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class KneeSteps:
-    """All knees of one joint along a recording; basis (N, m + 1), its step means (N - 1, m + 1)."""
+    """All knees of one joint along a recording: step means of their dead zones, one column a slope variable.
+
+    Args:
+        basis: (N, m + 1) torsion and stops.
+        means: (N - 1, slots) N m or N.
+        starts, ends: (N - 1, slots) derivatives of the means by v at the beginning and the end of each step.
+        crossings: for each knee its slot, the steps (c,) that cross it, where they do (c,) from 0 to 1, and
+            the inverse (c,) of the change of |v| over them, with the sign of the knee's side.
+    """
 
     basis: FloatArray
-    middle: FloatArray
-    passes: tuple[KneePass, ...]
-    slots: int
-
-    def find_means(self) -> FloatArray:
-        """Return the step means (N - 1, slots) of the dead zones, one column a slope variable."""
-        means = np.zeros((len(self.middle), self.slots))
-        for knee in self.passes:
-            means[:, knee.slot] += knee.mean
-        return means
+    means: FloatArray
+    starts: FloatArray
+    ends: FloatArray
+    crossings: tuple[tuple[int, NDArray[np.intp], FloatArray, FloatArray], ...]
 
     def find_slopes(self, slopes: FloatArray) -> FloatArray:
         """Return the derivatives (N - 1, m + 1) by the weights of sum_j s_j times the step means."""
-        share = np.zeros(len(self.middle))
-        for knee in self.passes:
-            share += slopes[knee.slot] * knee.beyond
-        columns = share[:, None] * self.middle
-        for knee in self.passes:
-            columns[knee.crossings] += slopes[knee.slot] * self._find_edge(knee)
+        before, after = self.starts @ slopes, self.ends @ slopes
+        columns: FloatArray = before[:, None] * self.basis[:-1] + after[:, None] * self.basis[1:]
         return columns
 
     def find_cross(self, multipliers: FloatArray) -> FloatArray:
         """Return sum_i c_i d mean_i / dk (m + 1, slots) for multipliers c (N - 1,) of the steps."""
-        cross = np.zeros((self.basis.shape[1], self.slots))
-        for knee in self.passes:
-            cross[:, knee.slot] += (multipliers * knee.beyond) @ self.middle
-            cross[:, knee.slot] += multipliers[knee.crossings] @ self._find_edge(knee)
+        before, after = multipliers[:, None] * self.starts, multipliers[:, None] * self.ends
+        cross: FloatArray = self.basis[:-1].T @ before + self.basis[1:].T @ after
         return cross
 
     def find_curvature(self, multipliers: FloatArray, slopes: FloatArray) -> FloatArray:
         """Return sum_i c_i sum_j s_j d2 mean_ij / dk2 (m + 1, m + 1)."""
         total = np.zeros((self.basis.shape[1],) * 2)
-        for knee in self.passes:
-            at, place = knee.crossings, knee.place[:, None]
-            point = (1.0 - place) * self.basis[at] + place * self.basis[at + 1]
-            weight = multipliers[at] * knee.side * slopes[knee.slot] / np.abs(knee.width)
-            total += point.T @ (weight[:, None] * point)
+        for slot, steps, place, bend in self.crossings:
+            point = (1.0 - place)[:, None] * self.basis[steps] + place[:, None] * self.basis[steps + 1]
+            total += point.T @ ((multipliers[steps] * bend * slopes[slot])[:, None] * point)
         return total
 
-    def _find_edge(self, knee: KneePass) -> FloatArray:
-        at = knee.crossings
-        edge: FloatArray = knee.start[:, None] * self.basis[at] + knee.end[:, None] * self.basis[at + 1]
-        return edge
 
-
-def build_knee_steps(
-    basis: FloatArray, middle: FloatArray, weights: FloatArray, knees: Sequence[tuple[float, int]]
-) -> KneeSteps:
+def build_knee_steps(basis: FloatArray, weights: FloatArray, knees: Sequence[tuple[float, int]]) -> KneeSteps:
     """Return the knees of one joint along a recording.
 
     Args:
         basis: (N, m + 1) torsion and stops.
-        middle: (N - 1, m + 1) means over the steps.
         weights: (m + 1,) k0, k_1 .. k_m.
         knees: signed torques, each with its slope variable.
     """
     torque = basis @ weights
-    passes = tuple(_build_knee_pass(torque, knee, slot) for knee, slot in knees)
     slots = 1 + max((slot for _, slot in knees), default=-1)
-    return KneeSteps(basis=basis, middle=middle, passes=passes, slots=slots)
+    means, starts, ends = np.zeros((3, len(torque) - 1, slots))
+    crossings = []
+    for knee, slot in knees:
+        side = 1.0 if knee > 0 else -1.0
+        excess = side * (torque - knee)
+        out = excess > 0.0
+        beyond = (out[:-1] & out[1:]) / 2.0
+        mean = beyond * (excess[:-1] + excess[1:])
+        starts[:, slot] += beyond
+        ends[:, slot] += beyond
+        at = np.flatnonzero(out[:-1] != out[1:])
+        first, width = excess[at], excess[at + 1] - excess[at]
+        farther = np.maximum(first, excess[at + 1])
+        part = farther / np.abs(width)
+        mean[at] = farther * part / 2.0
+        near, far = part * part / 2.0, part - part * part / 2.0
+        starts[at, slot] += np.where(width > 0.0, near, far)
+        ends[at, slot] += np.where(width > 0.0, far, near)
+        means[:, slot] += side * mean
+        crossings.append((slot, at, -first / width, side / np.abs(width)))
+    return KneeSteps(basis=basis, means=means, starts=starts, ends=ends, crossings=tuple(crossings))
 
 
-def _build_knee_pass(torque: FloatArray, knee: float, slot: int) -> KneePass:
-    side = 1.0 if knee > 0 else -1.0
-    excess = side * (torque - knee)
-    out = excess > 0.0
-    beyond = (out[:-1] & out[1:]).astype(np.float64)
-    mean = beyond * (excess[:-1] + excess[1:]) / 2.0
-    at = np.flatnonzero(out[:-1] != out[1:])
-    first, last = excess[at], excess[at + 1]
-    width = last - first
-    farther = np.maximum(first, last)
-    part = farther / np.abs(width)
-    mean[at] = farther * part / 2.0
-    near, far = part * part / 2.0, part - part * part / 2.0
-    rises = last > first
-    return KneePass(
-        slot=slot,
-        side=side,
-        mean=side * mean,
-        beyond=beyond,
-        crossings=at,
-        start=np.where(rises, near, far),
-        end=np.where(rises, far, near),
-        place=-first / width,
-        width=width,
-    )
-
-
-NLP_ROWS = ("energy", "filtered", "momentum")
 _ROW_RATE = 125.0
 """Filtered rows a second in Hz: above it, rows tell nothing new."""
 
@@ -293,32 +234,13 @@ class NlpRecording:
     """One recording: its rows, and what knees and Stribeck friction are evaluated on.
 
     Args:
-        bases: per joint (N, m + 1) torsion and stops; middles: per joint (N - 1, m + 1) their step means.
+        bases: per joint (N, m + 1) torsion and stops.
         speed: (N, n) motor velocities, rad/s or m/s.
     """
 
     blocks: tuple[RowBlock, ...]
     bases: tuple[FloatArray, ...]
-    middles: tuple[FloatArray, ...]
     speed: FloatArray
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Part:
-    """One recording of the problem with its stop bases."""
-
-    problem: ElasticProblem
-    index: int
-    thresholds: tuple[FloatArray, ...]
-    bases: tuple[FloatArray, ...]
-
-    @property
-    def signals(self) -> ElasticSignals:
-        return self.problem.signals[self.index]
-
-    @property
-    def size(self) -> int:
-        return self.problem.library.card.size
 
 
 def build_nlp_recording(
@@ -335,20 +257,14 @@ def build_nlp_recording(
     signals = problem.signals[index]
     phi = signals.phi
     bases = tuple(compute_stop_basis(phi[:, joint], grid) for joint, grid in enumerate(thresholds))
-    part = _Part(problem=problem, index=index, thresholds=tuple(thresholds), bases=bases)
     blocks: list[RowBlock] = []
     if "energy" in kinds:
-        blocks.append(_build_energy_block(part))
+        blocks.append(_build_energy_block(signals, problem.energy[index], thresholds))
     if "filtered" in kinds:
-        blocks += _build_filtered_blocks(part)
+        blocks += _build_filtered_blocks(signals, problem.filtered[index], problem.options.rate, bases)
     if "momentum" in kinds:
-        blocks += _build_momentum_blocks(part)
-    return NlpRecording(
-        blocks=tuple(blocks),
-        bases=bases,
-        middles=tuple((basis[1:] + basis[:-1]) / 2.0 for basis in bases),
-        speed=signals.dtheta,
-    )
+        blocks += _build_momentum_blocks(problem.library, signals, problem.energy[index].ends, bases)
+    return NlpRecording(blocks=tuple(blocks), bases=bases, speed=signals.dtheta)
 
 
 def move_stops(
@@ -364,42 +280,41 @@ def move_stops(
     """
     phi, ends = problem.signals[index].phi, problem.energy[index].ends
     bases = list(recording.bases)
-    works: dict[int, FloatArray] = {}
-    for joint, places in enumerate(moves):
-        if places:
-            grid = np.array(list(places.values()))
-            stops = [1 + place for place in places]
-            basis = bases[joint].copy()
-            basis[:, stops] = compute_stop_basis(phi[:, joint], grid)[:, 1:]
-            bases[joint] = basis
-            works[joint] = np.diff(compute_work_columns(phi[:, joint], grid)[ends], axis=0)[:, 1:]
 
     def move(block: RowBlock, spring: SpringColumns) -> SpringColumns:
-        if spring.joint not in works:
+        places = moves[spring.joint]
+        if not places:
             return spring
-        stops = [1 + place for place in moves[spring.joint]]
+        stops = [1 + place for place in places]
         columns = spring.columns.copy()
-        values = bases[spring.joint][:, stops]
-        means = spring.sums.add((values[1:] + values[:-1]) / 2.0)
-        columns[:, stops] = works[spring.joint] if block.name == "energy" else means
+        if block.name == "energy":
+            work = compute_work_columns(phi[:, spring.joint], np.array(list(places.values())))
+            columns[:, stops] = np.diff(work[ends], axis=0)[:, 1:]
+        else:
+            columns[:, stops] = spring.sums.add(_average_steps(bases[spring.joint][:, stops]))
         return replace(spring, columns=columns)
 
-    return replace(
-        recording,
-        blocks=tuple(
-            replace(block, springs=tuple(move(block, spring) for spring in block.springs))
-            for block in recording.blocks
-        ),
-        bases=tuple(bases),
-        middles=tuple(
-            (basis[1:] + basis[:-1]) / 2.0 if joint in works else recording.middles[joint]
-            for joint, basis in enumerate(bases)
-        ),
+    for joint, places in enumerate(moves):
+        if places:
+            basis = compute_stop_basis(phi[:, joint], np.array(list(places.values())))
+            bases[joint] = bases[joint].copy()
+            bases[joint][:, [1 + place for place in places]] = basis[:, 1:]
+    blocks = tuple(
+        replace(block, springs=tuple(move(block, spring) for spring in block.springs))
+        for block in recording.blocks
     )
+    return replace(recording, blocks=blocks, bases=tuple(bases))
 
 
-def _build_energy_block(part: _Part) -> RowBlock:
-    signals, rows = part.signals, part.problem.energy[part.index]
+def _average_steps(values: FloatArray) -> FloatArray:
+    """Return the means (N - 1, ...) over the steps between samples (N, ...)."""
+    means: FloatArray = (values[1:] + values[:-1]) / 2.0
+    return means
+
+
+def _build_energy_block(
+    signals: ElasticSignals, rows: EnergyWindows, thresholds: Sequence[FloatArray]
+) -> RowBlock:
     phi, turn = signals.phi, np.diff(signals.theta, axis=0)
     springs = tuple(
         SpringColumns(
@@ -407,7 +322,7 @@ def _build_energy_block(part: _Part) -> RowBlock:
             columns=np.diff(compute_work_columns(phi[:, joint], grid)[rows.ends], axis=0),
             sums=_build_window_sums(rows.ends, np.diff(phi[:, joint])),
         )
-        for joint, grid in enumerate(part.thresholds)
+        for joint, grid in enumerate(thresholds)
     )
     return RowBlock(
         name="energy",
@@ -415,12 +330,13 @@ def _build_energy_block(part: _Part) -> RowBlock:
         values=rows.supplied,
         sign=1.0,
         springs=springs,
-        friction=tuple((joint, _build_window_sums(rows.ends, turn[:, joint])) for joint in range(part.size)),
+        friction=tuple((joint, _build_window_sums(rows.ends, part)) for joint, part in enumerate(turn.T)),
     )
 
 
-def _build_filtered_blocks(part: _Part) -> list[RowBlock]:
-    signals, rows, rate = part.signals, part.problem.filtered[part.index], part.problem.options.rate
+def _build_filtered_blocks(
+    signals: ElasticSignals, rows: FilteredRows, rate: float, bases: Sequence[FloatArray]
+) -> list[RowBlock]:
     skip = max(1, int(1.0 / (_ROW_RATE * signals.period * rows.keep.step)))
     keep = slice(rows.keep.start, None, rows.keep.step * skip)
     torque = rows.torque[::skip]
@@ -431,29 +347,21 @@ def _build_filtered_blocks(part: _Part) -> list[RowBlock]:
         count=len(torque),
         decay=float(np.exp(-rate * signals.period)),
     )
-    columns = [filter_smooth(basis, rate, signals.period)[keep] for basis in part.bases]
-    motor, link = rows.motor[::skip], rows.link[::skip]
-    return _join_blocks("filtered", (motor, link, torque), columns, sums)
+    columns = [filter_smooth(basis, rate, signals.period)[keep] for basis in bases]
+    return _join_blocks("filtered", (rows.motor[::skip], rows.link[::skip], torque), columns, sums)
 
 
-def _build_momentum_blocks(part: _Part) -> list[RowBlock]:
-    signals, library, size = part.signals, part.problem.library, part.size
-    ends = part.problem.energy[part.index].ends
+def _build_momentum_blocks(
+    library: Library, signals: ElasticSignals, ends: slice, bases: Sequence[FloatArray]
+) -> list[RowBlock]:
     sums = _build_window_sums(ends, np.full(len(signals.time) - 1, signals.period))
 
     def add(values: FloatArray) -> FloatArray:
-        return sums.add((values[1:] + values[:-1]) / 2.0)
+        return sums.add(_average_steps(values))
 
-    (momentum,) = library.evaluate("momentum_regressor", signals.q[ends], signals.dq[ends])
-    (lagrange,) = library.evaluate("lagrange_regressor", signals.q, signals.dq)
-    link = np.diff(momentum, axis=0) - add(lagrange)
-    motor = [np.diff(signals.dtheta[ends], axis=0)[:, :, None] * np.eye(size)]
-    if library.card.friction:
-        (friction,) = library.evaluate("friction_regressor", signals.dtheta)
-        motor.append(add(friction))
+    motor, link = build_equations(library, signals, lambda values: np.diff(values[ends], axis=0), add)
     torque = sums.add(signals.tau[:-1]) if signals.hold == "zero" else add(signals.tau)
-    columns = [add(basis) for basis in part.bases]
-    return _join_blocks("momentum", (np.concatenate(motor, axis=2), link, torque), columns, sums)
+    return _join_blocks("momentum", (motor, link, torque), [add(basis) for basis in bases], sums)
 
 
 def _join_blocks(
@@ -471,9 +379,8 @@ def _join_blocks(
     blocks = []
     for joint in range(torque.shape[1]):
         springs = (SpringColumns(joint=joint, columns=columns[joint], sums=sums),)
-        still = np.zeros((len(torque), link.shape[2]))
-        driven = np.zeros((len(torque), motor.shape[2]))
-        blocks.append(
+        still, driven = np.zeros_like(link[:, joint]), np.zeros_like(motor[:, joint])
+        blocks += [
             RowBlock(
                 name=f"{kind} motor {joint + 1}",
                 matrix=np.hstack([still, motor[:, joint]]),
@@ -481,100 +388,18 @@ def _join_blocks(
                 sign=1.0,
                 springs=springs,
                 friction=((joint, sums),),
-            )
-        )
-        blocks.append(
+            ),
             RowBlock(
                 name=f"{kind} link {joint + 1}",
                 matrix=np.hstack([link[:, joint], driven]),
                 values=np.zeros(len(torque)),
                 sign=-1.0,
                 springs=springs,
-            )
-        )
+            ),
+        ]
     return blocks
 
 
 def _build_window_sums(ends: slice, weights: FloatArray) -> WindowSums:
     count = (ends.stop - 1 - ends.start) // ends.step
     return WindowSums(first=ends.start, length=ends.step, count=count, weights=weights)
-
-
-HESSIANS = ("exact", "gauss-newton")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NlpOptions:
-    """How the problem is set up and solved.
-
-    Args:
-        rows: some of `NLP_ROWS`.
-        hessian: one of `HESSIANS`.
-        stribeck: whether friction gets Fs exp(-(v / vs)^2) sign(v) on top.
-        smoothing: v0 of tanh(v / v0) in place of sign(v) in it, rad/s or m/s; 0 for the sign.
-        speeds: least and greatest vs, rad/s or m/s.
-        odd: whether springs harden alike on both sides.
-        slopes: least and greatest slope of the outer function.
-        weight_limit: greatest weight as a multiple of the linear spring; least_stiffness: the least k0.
-        rounds: of weighing the rows by their residuals; 0 keeps the weights of the linear springs.
-        tolerance: of Ipopt, on the scaled problem.
-        iterations: of Ipopt, at most.
-    """
-
-    rows: tuple[str, ...] = ("energy", "momentum")
-    hessian: str = "exact"
-    stribeck: bool = False
-    smoothing: float = 0.0
-    speeds: tuple[float, float] = (1e-3, 10.0)
-    odd: bool = False
-    slopes: tuple[float, float] = (0.05, 20.0)
-    weight_limit: float = 100.0
-    least_stiffness: float = 1e-3
-    rounds: int = 2
-    tolerance: float = 1e-9
-    iterations: int = 200
-
-    def __post_init__(self) -> None:
-        """Check what every later stage relies on.
-
-        Raises:
-            UsageError: with all that is wrong.
-        """
-        mistakes = [*_list_name_mistakes(self), *_list_number_mistakes(self)]
-        if mistakes:
-            raise UsageError(*(Notice(code="usage.nlp-option", text=text) for text in mistakes))
-
-
-def _list_name_mistakes(options: NlpOptions) -> list[str]:
-    mistakes = []
-    if not options.rows or any(kind not in NLP_ROWS for kind in options.rows):
-        mistakes.append(f"rows {options.rows}: must be some of {', '.join(NLP_ROWS)}")
-    if len(set(options.rows)) < len(options.rows):
-        mistakes.append(f"rows {options.rows}: each kind once")
-    if options.hessian not in HESSIANS:
-        mistakes.append(f"hessian {options.hessian!r}: allowed are {', '.join(HESSIANS)}")
-    return mistakes
-
-
-def _list_number_mistakes(options: NlpOptions) -> list[str]:
-    mistakes = []
-    for name in ("speeds", "slopes"):
-        low, high = getattr(options, name)
-        if not 0.0 < low < high < math.inf:
-            mistakes.append(f"{name} ({low:g}, {high:g}): must be positive, the least first")
-    low, high = options.slopes
-    if not low < 1.0 < high:
-        mistakes.append(
-            f"slopes ({low:g}, {high:g}): one must lie between them, it is the slope at zero torque"
-        )
-    mistakes += [
-        f"{name} {getattr(options, name):g}: must be a positive number"
-        for name in ("weight_limit", "least_stiffness", "tolerance")
-        if not 0.0 < getattr(options, name) < math.inf
-    ]
-    if not 0.0 <= options.smoothing < math.inf:
-        mistakes.append(f"smoothing {options.smoothing:g}: must be a speed, or 0")
-    for name, least in (("rounds", 0), ("iterations", 1)):
-        if getattr(options, name) < least:
-            mistakes.append(f"{name} {getattr(options, name)}: must be {least} or more")
-    return mistakes

@@ -1,7 +1,5 @@
 """All equations of an elastic identification, built once, and the springs of all joints given joint torques.
 
-Library, signals, ElasticOptions -> ElasticProblem; filtered joint torques -> one spring a joint.
-
 Supported: several recordings with sample periods of their own; thresholds and knees on grids, moved to
 where the data put them, or given.
 Not supported: recordings that lack an encoder; joints that share a spring.
@@ -14,7 +12,8 @@ import numpy as np
 
 from symid.arrays import FloatArray, freeze
 from symid.codegen import Library
-from symid.identification.elastic.estimate import HistoryEntry, MethodFit, MethodOutcome
+from symid.errors import Notice
+from symid.identification.elastic.estimate import HistoryEntry, MethodFit
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.elastic.regression import (
     ElasticSignals,
@@ -25,14 +24,14 @@ from symid.identification.elastic.regression import (
 )
 from symid.identification.elastic.spring_fit import (
     SpringData,
-    build_knee_grid,
     compute_filtered_torque,
     fit_spring,
     fit_stops,
     prepare_spring_data,
     refine_spring,
 )
-from symid.identification.hysteresis import SpringWeights
+from symid.identification.hysteresis import SpringWeights, build_elasticity, build_knee_grid
+from symid.ipopt import Ending
 from symid.robot import Elasticity
 
 
@@ -68,6 +67,11 @@ class ElasticProblem:
         card = self.library.card
         return len(card.beta), card.size, len(card.friction)
 
+    def find_motor_side(self, chi: FloatArray) -> FloatArray:
+        """Return F[tau_J] (M, n) by the motor equation with the dynamic parameters chi (p + n + pf,)."""
+        side: FloatArray = self.torque - self.motor @ chi[self.sizes[0] :]
+        return side
+
 
 def build_elastic_problem(
     library: Library, signals: Sequence[ElasticSignals], options: ElasticOptions
@@ -75,9 +79,13 @@ def build_elastic_problem(
     """Return energy rows, filtered rows and stop bases.
 
     Raises:
-        UsageError: thresholds are given for another number of joints; windows do not fit.
+        UsageError: windows do not fit.
     """
-    thresholds = _choose_thresholds(library, signals, options)
+    grids = options.thresholds or [
+        build_threshold_grid(max(float(np.abs(part.phi[:, joint]).max()) for part in signals), options.stops)
+        for joint in range(library.card.size)
+    ]
+    thresholds = tuple(map(freeze, grids))
     energy = tuple(build_energy_windows(library, part, options.window) for part in signals)
     filtered = tuple(build_filtered_rows(library, part, options.rate) for part in signals)
     springs = tuple(
@@ -113,8 +121,9 @@ def build_method_fit(
     elasticity: tuple[Elasticity, ...] = (),
     *,
     history: tuple[HistoryEntry, ...] = (),
-    outcome: MethodOutcome = MethodOutcome.SOLVED,
+    outcome: Ending = Ending.SOLVED,
     covariance: FloatArray | None = None,
+    notices: tuple[Notice, ...] = (),
 ) -> MethodFit:
     """Return chi (p + n + pf,) and springs as the result of a method."""
     beta, joints, _ = problem.sizes
@@ -127,6 +136,7 @@ def build_method_fit(
         history=history,
         outcome=outcome,
         covariance=covariance,
+        notices=notices,
     )
 
 
@@ -136,20 +146,10 @@ def build_threshold_grid(largest: float, count: int) -> FloatArray:
     return grid
 
 
-def _choose_thresholds(
-    library: Library, signals: Sequence[ElasticSignals], options: ElasticOptions
-) -> tuple[FloatArray, ...]:
-    size = library.card.size
-    if options.thresholds is not None:
-        return tuple(freeze(grid) for grid in options.thresholds)
-    largest = [max(float(np.abs(part.phi[:, joint]).max()) for part in signals) for joint in range(size)]
-    return tuple(freeze(build_threshold_grid(value, options.stops)) for value in largest)
-
-
-def fit_springs(problem: ElasticProblem, torque: FloatArray) -> tuple[SpringWeights, ...]:
+def fit_springs(problem: ElasticProblem, torque: FloatArray) -> tuple[Elasticity, ...]:
     """Return the springs, one a joint, that explain F[tau_J] best: (M, n) in N m at the filtered rows."""
     return tuple(
-        fit_joint_spring(problem.options, data, joint, torque[:, joint])
+        build_elasticity(fit_joint_spring(problem.options, data, joint, torque[:, joint]))
         for joint, data in enumerate(problem.springs)
     )
 
@@ -159,8 +159,7 @@ def fit_joint_spring(
 ) -> SpringWeights:
     """Return the spring of one joint that explains F[tau_J] (M,) best."""
     weights = fit_spring(data, target, build_start_spring(options, data, joint, target))
-    refine = options.refine and options.thresholds is None
-    return refine_spring(data, target, weights) if refine else weights
+    return refine_spring(data, target, weights) if options.moves_stops else weights
 
 
 def build_start_spring(
@@ -177,18 +176,10 @@ def build_start_spring(
     weights = fit_stops(data, target)
     if options.knee_torques is not None:
         torques = np.array(options.knee_torques[joint], dtype=np.float64)
-        below, above = torques[torques < 0][::-1], torques[torques > 0]
-    elif options.knees:
-        below, above = build_knee_grid(data, weights.stiffness, options.knees)
+        knees = np.concatenate([torques[torques < 0][::-1], torques[torques > 0]])
     else:
-        return weights
-    return replace(
-        weights,
-        below=below,
-        above=above,
-        below_slopes=np.ones(len(below)),
-        above_slopes=np.ones(len(above)),
-    )
+        knees = build_knee_grid([part @ weights.stiffness for part in data.basis], options.knees)
+    return replace(weights, knees=knees, slopes=np.ones(len(knees)))
 
 
 def average_sides(problem: ElasticProblem, chi: FloatArray) -> FloatArray:
@@ -200,12 +191,9 @@ def average_sides(problem: ElasticProblem, chi: FloatArray) -> FloatArray:
         problem: the filtered rows.
         chi: (p + n + pf,) dynamic parameters.
     """
-    beta, joints, _ = problem.sizes
-    motor = problem.torque - problem.motor @ chi[beta:]
-    link = problem.link @ chi[:beta]
+    motor, link = problem.find_motor_side(chi), problem.link @ chi[: problem.sizes[0]]
     joined = np.empty_like(motor)
-    for joint in range(joints):
-        data = problem.springs[joint]
+    for joint, data in enumerate(problem.springs):
         sides = [motor[:, joint], link[:, joint]]
         shared = fit_spring(
             data, (sides[0] + sides[1]) / 2.0, build_start_spring(problem.options, data, joint, sides[1])

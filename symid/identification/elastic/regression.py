@@ -1,8 +1,5 @@
 """From recordings of both encoders to equations: filtered states, filtered rows, energy rows, kept signs.
 
-Recording, ElasticOptions -> ElasticSignals -> FilteredRows, EnergyWindows; equations -> parameters with
-bounds.
-
 Where velocities from raw differences are exact enough, nothing is filtered and tau[k] is the torque over
 [t_k, t_k+1]. Otherwise all signals pass the same zero-phase low-pass, and tau[k] is the mean of the two
 torques that meet at t_k: a torque that is held acts half a period later than its sample says. With F(s) =
@@ -26,13 +23,13 @@ Not supported: one encoder only; delays between the channels (align the recordin
 link side; full physical consistency of the links.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library, ModelCard
 from symid.errors import LogError, Notice, UsageError
 from symid.identification.elastic.options import ElasticOptions, check_grids
@@ -55,7 +52,7 @@ _LATEST = 0.25
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ElasticSignals:
+class ElasticSignals(FrozenArrays):
     """States and torques at full rate; the end is cut, the beginning is kept for the memory of plays.
 
     Args:
@@ -76,11 +73,6 @@ class ElasticSignals:
     settled: int
     hold: str
     cutoff: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("time", "q", "dq", "theta", "dtheta", "tau"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
 
     @property
     def phi(self) -> FloatArray:
@@ -103,13 +95,15 @@ def prepare_elastic_signals(recording: Recording, options: ElasticOptions) -> El
     period = recording.period
     cutoff = choose_elastic_cutoff(recording) if options.cutoff is None else options.cutoff
     edge = int(np.ceil(_EDGE / (cutoff * period))) if cutoff else 1
-    if len(recording.time) <= 4 * edge + 16:
-        raise LogError(_describe_short(recording, 4 * edge + 17))
+    least = 4 * edge + 17
+    if len(recording.time) < least:
+        text = f"the log has {len(recording.time)} samples; filter and cut ends need {least} at least"
+        raise LogError(Notice(code="log.too-short", text=text, file=recording.source))
     tau = recording.torque
     if cutoff:
-        held = np.vstack([tau[:1], (tau[1:] + tau[:-1]) / 2.0])
         motor, link, tau = (
-            low_pass(values, period=period, cutoff=cutoff, order=_ORDER) for values in (motor, link, held)
+            low_pass(values, period=period, cutoff=cutoff, order=_ORDER)
+            for values in (motor, link, center_held(tau))
         )
     kept = slice(0, len(recording.time) - edge)
     phi = motor - link
@@ -199,9 +193,33 @@ def get_encoder_positions(recording: Recording) -> tuple[FloatArray, FloatArray]
     raise LogError(Notice(code="elastic.one-encoder", text=text, file=recording.source))
 
 
-def _describe_short(recording: Recording, least: int) -> Notice:
-    text = f"the log has {len(recording.time)} samples; filter and cut ends need {least} at least"
-    return Notice(code="log.too-short", text=text, file=recording.source)
+def center_held(tau: FloatArray) -> FloatArray:
+    """Return the torque (N, n) about each sample of one that is held: the mean of those that meet there."""
+    return np.vstack([tau[:1], (tau[1:] + tau[:-1]) / 2.0])
+
+
+def build_equations(
+    library: Library,
+    signals: ElasticSignals,
+    differentiate_rows: Callable[[FloatArray], FloatArray],
+    average_rows: Callable[[FloatArray], FloatArray],
+) -> tuple[FloatArray, FloatArray]:
+    """Return the motor columns [rotor | friction] (M, n, n + pf) and the link columns (M, n, p) of rows.
+
+    Args:
+        library: functions of the robot; those of q speak of the links, friction of the motors.
+        signals: states at full rate.
+        differentiate_rows: makes of momenta and speeds (N, ...) the rows (M, ...) of their derivative.
+        average_rows: makes of torques (N, ...) their rows (M, ...), in the same way.
+    """
+    (momentum,) = library.evaluate("momentum_regressor", signals.q, signals.dq)
+    (lagrange,) = library.evaluate("lagrange_regressor", signals.q, signals.dq)
+    link = differentiate_rows(momentum) - average_rows(lagrange)
+    motor = [differentiate_rows(signals.dtheta)[:, :, None] * np.eye(library.card.size)]
+    if library.card.friction:
+        (friction,) = library.evaluate("friction_regressor", signals.dtheta)
+        motor.append(average_rows(friction))
+    return np.concatenate(motor, axis=2), link
 
 
 _ROW_RATE = 500.0
@@ -209,7 +227,7 @@ _ROW_RATE = 500.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FilteredRows:
+class FilteredRows(FrozenArrays):
     """Motor and link equations of one recording, at the samples `keep`.
 
     Args:
@@ -222,11 +240,6 @@ class FilteredRows:
     link: FloatArray
     torque: FloatArray
     keep: slice
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("motor", "link", "torque"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
 
     @property
     def elimination(self) -> FloatArray:
@@ -270,6 +283,13 @@ def filter_smooth(values: FloatArray, rate: float, period: float) -> FloatArray:
     return result
 
 
+def filter_derivative(values: FloatArray, rate: float, period: float) -> FloatArray:
+    """Return F[d values / dt] (N, ...) of a signal as above: rate (x~ - F[x~]), x~ = x - x(0)."""
+    moved = values - values[0]
+    result: FloatArray = rate * (moved - filter_smooth(moved, rate, period))
+    return result
+
+
 def build_filtered_rows(library: Library, signals: ElasticSignals, rate: float) -> FilteredRows:
     """Return the filtered equations of one recording.
 
@@ -282,25 +302,18 @@ def build_filtered_rows(library: Library, signals: ElasticSignals, rate: float) 
     step = max(1, int(1.0 / (_ROW_RATE * period) + 1e-9))
     keep = slice(signals.settled, None, step)
 
-    def low(values: FloatArray) -> FloatArray:
-        return filter_smooth(values, rate, period)
+    def average(values: FloatArray) -> FloatArray:
+        return filter_smooth(values, rate, period)[keep]
 
-    (momentum,) = library.evaluate("momentum_regressor", signals.q, signals.dq)
-    (lagrange,) = library.evaluate("lagrange_regressor", signals.q, signals.dq)
-    momentum = momentum - momentum[0]
-    link = (rate * (momentum - low(momentum)) - low(lagrange))[keep]
-    speed = signals.dtheta - signals.dtheta[0]
-    rotor = (rate * (speed - low(speed)))[keep]
-    motor = [rotor[:, :, None] * np.eye(library.card.size)]
-    if library.card.friction:
-        (friction,) = library.evaluate("friction_regressor", signals.dtheta)
-        motor.append(low(friction)[keep])
-    torque = filter_held(signals.tau, rate, period) if signals.hold == "zero" else low(signals.tau)
-    return FilteredRows(motor=np.concatenate(motor, axis=2), link=link, torque=torque[keep], keep=keep)
+    motor, link = build_equations(
+        library, signals, lambda values: filter_derivative(values, rate, period)[keep], average
+    )
+    torque = filter_held(signals.tau, rate, period)[keep] if signals.hold == "zero" else average(signals.tau)
+    return FilteredRows(motor=motor, link=link, torque=torque, keep=keep)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class EnergyWindows:
+class EnergyWindows(FrozenArrays):
     """Energy equations of one recording, one a window.
 
     Args:
@@ -312,11 +325,6 @@ class EnergyWindows:
     supplied: FloatArray
     design: FloatArray
     ends: slice
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("supplied", "design"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
 
 
 def build_energy_windows(library: Library, signals: ElasticSignals, length: float) -> EnergyWindows:
@@ -366,13 +374,12 @@ def compute_window_columns(
 
 
 def _locate_window_ends(signals: ElasticSignals, length: float) -> slice:
-    intervals = round(length / signals.period)
-    count = (len(signals.time) - 1 - signals.settled) // intervals if intervals else 0
+    intervals, steps = round(length / signals.period), len(signals.time) - 1 - signals.settled
+    count = steps // intervals if intervals else 0
     if count < 1:
-        span = (len(signals.time) - 1 - signals.settled) * signals.period
         text = (
             f"window of {length:g} s: must be at least one sample period ({signals.period:g} s) and at most "
-            f"the part of the recording that rows come from ({span:g} s)"
+            f"the part of the recording that rows come from ({steps * signals.period:g} s)"
         )
         raise UsageError(Notice(code="usage.window", text=text))
     return slice(signals.settled, signals.settled + count * intervals + 1, intervals)

@@ -1,8 +1,5 @@
 """Which model robot, logs and options ask for: rigid, motor side alone, or elastic; which settings it uses.
 
-Robot, recordings, options of a call -> Route, settings that are used or refused, the robot and logs of
-the motor side.
-
 Without the position of the link, q is taken as theta: torsion changes gravity and inertia by its own size
 only, 10^-2 and less. The rotor then turns with the link, and its inertia is a part of the base parameters
 again.
@@ -20,7 +17,7 @@ import numpy as np
 
 from symid.errors import LogError, Notice, UsageError
 from symid.identification.estimators import Estimate, Outcome, ParameterEstimate
-from symid.logs import Recording
+from symid.logs import Recording, cut_ends
 from symid.robot import Processing, Robot
 
 _PREFIX = "processing."
@@ -55,21 +52,19 @@ def check_settings(settings: Sequence[tuple[str, str]], kind: str) -> None:
         raise UsageError(Notice(code="usage.elastic-processing", text=text))
 
 
-def get_asked_cutoff(robot: "Robot", settings: Sequence[tuple[str, str]]) -> float | None:
+def get_asked_cutoff(robot: Robot, settings: Sequence[tuple[str, str]]) -> float | None:
     """Return the cut-off in Hz that robot file or call state: 0 for no filter, None to choose one."""
     stated = robot.processing.filter_cutoff
     asked = any(key == _PREFIX + _CUTOFF for key, _ in settings)
     return 0.0 if stated is None and asked else stated
 
 
-def cut_logs(recordings: Sequence["Recording"], processing: Processing) -> tuple["Recording", ...]:
+def cut_logs(recordings: Sequence[Recording], processing: Processing) -> tuple[Recording, ...]:
     """Return the recordings without the samples that the settings cut off at either end.
 
     Raises:
         LogError: with every log of which nothing would be left.
     """
-    from symid.logs import cut_ends
-
     cut: list[Recording] = []
     notices: list[Notice] = []
     for recording in recordings:
@@ -82,7 +77,7 @@ def cut_logs(recordings: Sequence["Recording"], processing: Processing) -> tuple
     return tuple(cut)
 
 
-def list_unused_settings(robot: "Robot", kind: str) -> tuple[Notice, ...]:
+def list_unused_settings(robot: Robot, kind: str) -> tuple[Notice, ...]:
     """Return a notice on the settings of the robot file that `kind`, as above, has no use for."""
     standard = replace(Processing(), automatic=robot.processing.automatic)
     names = (*_OTHERS, *(name for name in (_CUTOFF,) if name not in _USED[kind]))

@@ -1,20 +1,16 @@
 """The spring that explains a filtered joint torque: weights, then places of stops and knees, then fewer.
 
-Torsion and filtered torque of one joint -> SpringData, SpringWeights.
-
     v = sum_i k_i E_i[phi] (E_0 = phi),  tau_J = sum_j c_j ramp_j(v)
     min |F[tau_J] - target|,  k >= 0, c >= c0
     d tau_J / d r_i = -S'(v) k_i D_i,  D_i = d P_i / d r_i = -1, +1 since the play touched phi - r, phi + r
     d tau_J / d R_j = (c_j-1 - c_j) where v is beyond R_j
 
-ramp_j is the part of v between two knees and c_j the slope there, one around v = 0, which fixes the
-scale. Plays run on the torsion as it is, and the filter F comes last. With k >= 0 and c > 0 the spring is
-passive and its torque rises with the torsion. On a grid, stops are found by non-negative least squares,
-knees by Gauss-Newton. A grid puts two stops around each slip that the spring has, and leaves the smallest
-ones out; so from its solution all parameters are fitted together, positions included, by projected
-Levenberg-Marquardt, in which no position moves past its neighbour or beyond what was seen. Then stops and
-knees are left out one by one, the least certain first, while the cost rises no more than noise lets it
-(Bayesian information criterion).
+ramp_j is the part of v between two knees and c_j the slope there. Plays run on the torsion as it is, and
+the filter F comes last. On a grid, stops are found by non-negative least squares, knees by Gauss-Newton.
+A grid puts two stops around each slip that the spring has, and leaves the smallest ones out; so from its
+solution all parameters are fitted together, positions included, by projected Levenberg-Marquardt. Then
+stops and knees are left out one by one, while the cost rises no more than noise lets it (Bayesian
+information criterion).
 
 Supported: several recordings; a plain Prandtl-Ishlinskii spring (no knees), which is a convex problem.
 Not supported: cubic springs, damping, an offset of the torsion; adding stops or knees to those of the
@@ -129,28 +125,12 @@ def filter_parts(data: SpringData, parts: Sequence[FloatArray]) -> FloatArray:
 
 def fit_stops(data: SpringData, target: FloatArray) -> SpringWeights:
     """Return non-negative stiffnesses of spring and stops (no knees) for `target` = F[tau_J] (M,)."""
-    none = np.zeros(0)
     return SpringWeights(
         thresholds=data.thresholds,
         stiffness=solve_non_negative(data.filtered, target),
-        below=none,
-        above=none,
-        below_slopes=none,
-        above_slopes=none,
+        knees=np.zeros(0),
+        slopes=np.zeros(0),
     )
-
-
-def build_knee_grid(data: SpringData, stiffness: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
-    """Return knee torques below and above zero, from zero outwards: (j - 1/2) / count max(-v or v).
-
-    None lies nearer to zero than `hold_knees` allows.
-    """
-    inner = [part @ stiffness for part in data.basis]
-    steps = (np.arange(count) + 0.5) / max(count, 1)
-    low = max(0.0, -min(float(v.min()) for v in inner))
-    high = max(0.0, *(float(v.max()) for v in inner))
-    below, above = (-steps * low if low else np.zeros(0)), (steps * high if high else np.zeros(0))
-    return hold_knees(below, low), hold_knees(above, high)
 
 
 def fit_spring(
@@ -172,13 +152,13 @@ def fit_spring(
         tolerance: relative fall of the cost that ends the iteration.
         iterations: at most.
     """
-    if not start.knees and start.thresholds is data.thresholds:
+    if not len(start.knees) and start.thresholds is data.thresholds:
         return fit_stops(data, target)
     best, cost = start, float(np.sum((target - compute_filtered_torque(data, start)) ** 2))
     for _ in range(iterations):
         jacobian, value = _linearise(data, best)
         packed = best.pack()
-        floor = np.concatenate([np.zeros(len(best.stiffness)), np.full(best.knees, LEAST_SLOPE)])
+        floor = np.concatenate([np.zeros(len(best.stiffness)), np.full(len(best.knees), LEAST_SLOPE)])
         right = target - value + jacobian @ (packed - floor)
         goal = floor + solve_non_negative(jacobian, right)
         trial, reached, fraction = best, np.inf, 1.0
@@ -199,7 +179,7 @@ def fit_spring(
 
 def compute_filtered_torque(data: SpringData, weights: SpringWeights) -> FloatArray:
     """Return F[tau_J] (M,) of a spring at the rows of `data`."""
-    if weights.thresholds is data.thresholds and not weights.knees:
+    if weights.thresholds is data.thresholds and not len(weights.knees):
         result: FloatArray = data.filtered @ weights.stiffness
         return result
     torques = []
@@ -254,10 +234,8 @@ class SpringPoint:
 def evaluate_spring(data: SpringData, target: FloatArray, weights: SpringWeights) -> SpringPoint:
     """Return a spring, its knees held away from zero, with its stop basis and cost |target - F[tau_J]|^2."""
     bases = tuple(compute_stop_basis(phi, weights.thresholds) for phi in data.torsions)
-    if weights.knees:
-        _, lowest, highest = _measure_edges(bases, weights)
-        below, above = hold_knees(weights.below, lowest), hold_knees(weights.above, highest)
-        weights = replace(weights, below=below, above=above)
+    _, lowest, highest = _measure_edges(bases, weights)
+    weights = replace(weights, knees=hold_knees(weights.knees, lowest, highest))
     torques = []
     for basis, keep in zip(bases, data.keeps, strict=True):
         inner = thin_samples(basis, keep) @ weights.stiffness
@@ -336,32 +314,35 @@ def _compute_limits(
     """Return how far each parameter may move down and up: stiffnesses, slopes, thresholds, knees."""
     down, up = (
         [-weights.stiffness, LEAST_SLOPE - weights.slopes],
-        [np.full(len(weights.stiffness) + weights.knees, np.inf)],
+        [np.full(len(weights.stiffness) + len(weights.knees), np.inf)],
     )
     sides = (
         (weights.thresholds, 0.0, torsion, 1),
-        (-weights.below, LEAST_KNEE * lowest, lowest, -1),
-        (weights.above, LEAST_KNEE * highest, highest, 1),
+        (-weights.knees[: weights.below], LEAST_KNEE * lowest, lowest, -1),
+        (weights.knees[weights.below :], LEAST_KNEE * highest, highest, 1),
     )
     for places, least, edge, sign in sides:
-        gaps = np.diff(np.concatenate([[min([least, *places[:1]])], places, [max([edge, *places[-1:]])]]))
-        lower, higher = -_STEP * gaps[:-1], _STEP * gaps[1:]
+        lower, higher = compute_room(places, least, edge)
         down.append(lower if sign > 0 else -higher)
         up.append(higher if sign > 0 else -lower)
     return np.concatenate(down), np.concatenate(up)
 
 
+def compute_room(places: FloatArray, least: float, edge: float) -> tuple[FloatArray, FloatArray]:
+    """Return how far each of the increasing places (k,) may move down and up between `least` and `edge`."""
+    gaps = np.diff(np.concatenate([[min([least, *places[:1]])], places, [max([edge, *places[-1:]])]]))
+    return -_STEP * gaps[:-1], _STEP * gaps[1:]
+
+
 def _move(weights: SpringWeights, move: FloatArray) -> SpringWeights:
-    stiff, knees, stops = len(weights.stiffness), weights.knees, len(weights.thresholds)
-    changed = weights.unpack(weights.pack() + move[: stiff + knees])
-    at = stiff + knees
-    below = at + stops + len(weights.below)
+    packed = weights.pack()
+    stops = len(packed) + len(weights.thresholds)
+    changed = weights.unpack(packed + move[: len(packed)])
     return replace(
         changed,
         stiffness=np.maximum(changed.stiffness, 0.0),
-        thresholds=weights.thresholds + move[at : at + stops],
-        below=weights.below + move[at + stops : below],
-        above=weights.above + move[below:],
+        thresholds=weights.thresholds + move[len(packed) : stops],
+        knees=weights.knees + move[stops:],
     )
 
 
@@ -387,8 +368,9 @@ def compute_spring_slopes(basis: FloatArray, slips: FloatArray, weights: SpringW
     local = compute_local_slopes(inner, weights)[:, None]
     ramps = compute_ramps(inner, weights)
     torque = inner + ramps @ (weights.slopes - 1.0)
-    columns = [basis * local, ramps, slips * weights.stiffness[1:] * local]
-    return np.column_stack([*columns, _compute_knee_columns(inner, weights), torque])
+    beyond = np.sign(weights.knees) * (inner[:, None] - weights.knees) > 0.0
+    knees = (weights.before - weights.slopes) * beyond
+    return np.column_stack([basis * local, ramps, slips * weights.stiffness[1:] * local, knees, torque])
 
 
 def compute_slips(basis: FloatArray, thresholds: FloatArray) -> FloatArray:
@@ -398,18 +380,6 @@ def compute_slips(basis: FloatArray, thresholds: FloatArray) -> FloatArray:
     side = np.where(stops >= thresholds - slack, 1.0, np.where(stops <= slack - thresholds, -1.0, 0.0))
     last = np.maximum.accumulate(np.where(side != 0.0, np.arange(len(stops))[:, None], 0), axis=0)
     return np.take_along_axis(side, last, axis=0)
-
-
-def _compute_knee_columns(inner: FloatArray, weights: SpringWeights) -> FloatArray:
-    columns = np.empty((len(inner), weights.knees))
-    before = np.concatenate([[1.0], weights.below_slopes[:-1]]) if len(weights.below) else np.zeros(0)
-    above = np.concatenate([[1.0], weights.above_slopes[:-1]]) if len(weights.above) else np.zeros(0)
-    for place, torque in enumerate(weights.below):
-        columns[:, place] = (before[place] - weights.below_slopes[place]) * (inner < torque)
-    for place, torque in enumerate(weights.above):
-        change = above[place] - weights.above_slopes[place]
-        columns[:, len(weights.below) + place] = change * (inner > torque)
-    return columns
 
 
 _NEAR = 1e-6
@@ -504,14 +474,8 @@ def _start_dense(data: SpringData, target: FloatArray, start: SpringWeights) -> 
 def _leave_out_unreached(data: SpringData, target: FloatArray, weights: SpringWeights) -> SpringWeights:
     """Return the spring without knees at the edge of the torques seen: they tell nothing, and extrapolate."""
     _, lowest, highest = measure_reach(evaluate_spring(data, target, weights))
-    below, above = -weights.below < _EDGE * lowest, weights.above < _EDGE * highest
-    return replace(
-        weights,
-        below=weights.below[below],
-        below_slopes=weights.below_slopes[below],
-        above=weights.above[above],
-        above_slopes=weights.above_slopes[above],
-    )
+    edges = np.where(weights.knees < 0.0, lowest, highest)
+    return weights.keep_knees(np.abs(weights.knees) < _EDGE * edges)
 
 
 def _count_independent(data: SpringData, target: FloatArray) -> float:
@@ -527,16 +491,9 @@ def _compute_cost(data: SpringData, target: FloatArray, weights: SpringWeights) 
 def _leave_out_idle(weights: SpringWeights) -> SpringWeights:
     """Return the spring without stops of no stiffness and knees that change nothing."""
     busy = weights.stiffness[1:] > _NEAR * np.sum(weights.stiffness)
-    result = replace(
-        weights,
-        thresholds=weights.thresholds[busy],
-        stiffness=np.concatenate([weights.stiffness[:1], weights.stiffness[1:][busy]]),
-    )
-    for side in ("below", "above"):
-        slopes = getattr(weights, f"{side}_slopes")
-        bends = np.abs(np.diff(np.concatenate([[1.0], slopes]))) > _NEAR
-        result = replace(result, **{side: getattr(weights, side)[bends], f"{side}_slopes": slopes[bends]})
-    return result
+    stiffness = weights.stiffness[np.concatenate([[True], busy])]
+    left = weights.keep_knees(np.abs(weights.slopes - weights.before) > _NEAR)
+    return replace(left, thresholds=weights.thresholds[busy], stiffness=stiffness)
 
 
 def _list_simpler(data: SpringData, weights: SpringWeights) -> Iterator[SpringWeights]:
@@ -559,15 +516,10 @@ def _list_simpler(data: SpringData, weights: SpringWeights) -> Iterator[SpringWe
             moved[place - 1] = merged
             options.append((float(np.min(pair)) * gap, replace(weights, thresholds=moved, stiffness=stiff)))
         options.append((float(loss), replace(weights, thresholds=thresholds, stiffness=stiffness)))
-    for side in ("below", "above"):
-        torques, slopes = getattr(weights, side), getattr(weights, f"{side}_slopes")
-        changes = np.diff(np.concatenate([[1.0], slopes]))
-        for place, torque in enumerate(torques):
-            keep = np.arange(len(torques)) != place
-            loss = abs(changes[place]) * abs(torque) * 0.1
-            options.append(
-                (float(loss), replace(weights, **{side: torques[keep], f"{side}_slopes": slopes[keep]}))
-            )
+    changes = np.abs(weights.slopes - weights.before)
+    for place, torque in enumerate(weights.knees):
+        loss = changes[place] * abs(torque) * 0.1
+        options.append((float(loss), weights.keep_knees(np.arange(len(changes)) != place)))
     options += _list_rescaled(data, weights)
     options.sort(key=lambda option: option[0])
     for _, simpler in options[:3]:
@@ -580,20 +532,17 @@ def _list_rescaled(data: SpringData, weights: SpringWeights) -> list[tuple[float
     The slope beyond them is then the one at zero, and scales all weights; left out one by one, the other knee
     would stand in the way.
     """
-    if not (len(weights.below) and len(weights.above)):
+    knees, above = weights.knees, weights.below
+    if above in {0, len(knees)}:
         return []
     inner = [basis @ weights.stiffness for basis in data.find_basis(weights)]
     lowest, highest = max(-float(v.min()) for v in inner), max(float(v.max()) for v in inner)
-    if -weights.below[0] > _CLOSE * lowest or weights.above[0] > _CLOSE * highest:
+    if -knees[0] > _CLOSE * lowest or knees[above] > _CLOSE * highest:
         return []
-    slope = float(weights.below_slopes[0] + weights.above_slopes[0]) / 2.0
+    slope = float(weights.slopes[0] + weights.slopes[above]) / 2.0
+    rest = weights.keep_knees(~np.isin(np.arange(len(knees)), (0, above)))
     scaled = replace(
-        weights,
-        stiffness=weights.stiffness * slope,
-        below=weights.below[1:] * slope,
-        above=weights.above[1:] * slope,
-        below_slopes=weights.below_slopes[1:] / slope,
-        above_slopes=weights.above_slopes[1:] / slope,
+        rest, stiffness=weights.stiffness * slope, knees=rest.knees * slope, slopes=rest.slopes / slope
     )
-    loss = abs(slope - 1.0) * max(-weights.below[0], weights.above[0]) * 0.1
+    loss = abs(slope - 1.0) * max(-knees[0], knees[above]) * 0.1
     return [(float(loss), scaled)]

@@ -1,20 +1,16 @@
 """Stiffness of joints from the gravity that bends them, with an interval or a reason; encoder alignment.
 
-Library, recordings of both encoders -> Alignment, aligned recordings; StiffnessEstimate.
-
     tau = [Y | ddtheta | Yf] x             joint torques, rotors of elastic joints, friction: least squares
     gravity = Y(q, 0, 0) beta,             motion = Y(q, dq, ddq) beta - gravity
     theta - q = c gravity + b motion + a ddtheta + s tanh(dtheta / v) + d dtheta + offset,    k = 1 / c
 
 Only gravity gives the torque of a spring an absolute scale: torques of acceleration are those of rotor
-and link in unknown shares, and friction takes its part before the spring. Torques of motion,
-accelerations, velocities and directions have coefficients of their own, so that errors of inertias,
-friction and delay do not reach the compliance. Sums over samples are made once a block of a second;
-leaving a block out subtracts them, and the rigid robot is fitted anew without it. Standard deviations are
-those of this jackknife; runs are averaged with the inverse of their variances, and where they differ by
-more, deviations are enlarged by the Birge ratio. The interval holds with 95 %. The alignment lets the
-torsion follow gravity, motion, and plays of their sum. Positions are those of the motors: what torsion
-changes in the regressors is of second order.
+and link in unknown shares, and friction takes its part before the spring. All else has coefficients of its
+own, so that errors of inertias, friction and delay do not reach the compliance. Standard deviations are
+those of a jackknife over blocks of a second, the rigid robot fitted anew without each; runs are averaged
+with the inverse of their variances, and where they differ by more, deviations are enlarged by the Birge
+ratio. The interval holds with 95 %. The alignment lets the torsion follow gravity, motion, and plays of
+their sum. Positions are those of the motors: what torsion changes in the regressors is of second order.
 
 Supported: rigid and elastic robots, any number of runs; joints without a link encoder are refused by
 name; joints that gravity does not load have a compliance of zero.
@@ -27,7 +23,7 @@ from enum import Enum
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import JointCard, Library
 from symid.errors import LogError, Notice
 from symid.joint_models import compute_plays
@@ -113,12 +109,15 @@ def build_rigid_rows(
     link_speed = differentiate(link, period)
     (still,) = library.evaluate("torque_regressor", link, rest, rest)
     (whole,) = library.evaluate("torque_regressor", link, link_speed, differentiate(link_speed, period))
-    extra = [_spread(acceleration)] if library.card.rotors else []
+    extra = [np.zeros((*theta.shape, 0))]
+    if library.card.rotors:
+        extra.append(acceleration[:, :, None] * np.eye(theta.shape[1]))
     if library.card.friction:
         # Dry friction changes its sign faster than the low-pass lets pass: friction first, then the filter.
-        (friction,) = library.evaluate("friction_regressor", _compute_fast_speed(found, recording))
+        fast = min(4.0 * _CUTOFF, 1.0 / (_LEAST_RATIO * period))
+        quick = differentiate(low_pass(found.theta, period=period, cutoff=fast, order=_ORDER), period)
+        (friction,) = library.evaluate("friction_regressor", quick)
         extra.append(low_pass(friction, period=period, cutoff=cutoff, order=_ORDER))
-    empty = np.zeros((*theta.shape, 0))
     return RigidRows(
         encoders=Encoders(theta=theta, q=q, present=found.present),
         period=period,
@@ -126,24 +125,10 @@ def build_rigid_rows(
         acceleration=acceleration,
         still=still,
         whole=whole,
-        extra=np.concatenate([empty, *extra], axis=2),
+        extra=np.concatenate(extra, axis=2),
         torque=torque,
         blocks=split_blocks(len(theta), period, _EDGE, block),
     )
-
-
-def _spread(values: FloatArray) -> FloatArray:
-    """Return (N, n) as (N, n, n), column j in row j."""
-    spread = np.zeros((*values.shape, values.shape[1]))
-    joints = np.arange(values.shape[1])
-    spread[:, joints, joints] = values
-    return spread
-
-
-def _compute_fast_speed(found: Encoders, recording: Recording) -> FloatArray:
-    fast = min(4.0 * _CUTOFF, 1.0 / (_LEAST_RATIO * recording.period))
-    theta = low_pass(found.theta, period=recording.period, cutoff=fast, order=_ORDER)
-    return differentiate(theta, recording.period)
 
 
 def fit_rigid(grams: FloatArray, weights: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
@@ -297,7 +282,7 @@ _NUISANCES = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ComplianceFits:
+class ComplianceFits(FrozenArrays):
     """What gravity bends.
 
     Args:
@@ -311,11 +296,6 @@ class ComplianceFits:
     left: FloatArray
     loading: FloatArray
     steady: FloatArray
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("compliances", "explained", "left", "loading", "steady"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
 
 
 def fit_compliances(runs: Sequence[RigidRows]) -> ComplianceFits:
@@ -407,7 +387,7 @@ class StiffnessVerdict(Enum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class JointStiffness:
+class JointStiffness(FrozenArrays):
     """The spring of one joint.
 
     Args:
@@ -431,11 +411,6 @@ class JointStiffness:
     run_stds: FloatArray
     explained: float
     left: float
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("runs", "run_stds"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -470,7 +445,7 @@ def estimate_stiffness(library: Library, recordings: Sequence[Recording]) -> Sti
         robot=library.card.robot,
         alignment=alignment,
         joints=tuple(
-            _judge(fits, index, card) if alignment.present[index] else _refuse_blind(card, len(recordings))
+            _judge(fits, index, card, present=bool(alignment.present[index]))
             for index, card in enumerate(library.card.joints)
         ),
         blocks=len(fits.compliances) - 1,
@@ -478,42 +453,34 @@ def estimate_stiffness(library: Library, recordings: Sequence[Recording]) -> Sti
     )
 
 
-def _get_unit(card: JointCard) -> str:
-    return f"{card.torque_unit}/{card.position_unit}"
-
-
-def _refuse_blind(card: JointCard, runs: int) -> JointStiffness:
-    nothing = np.full(runs, np.nan)
-    return JointStiffness(
-        joint=card.name,
-        unit=_get_unit(card),
-        verdict=StiffnessVerdict.NO_ENCODER,
-        reason="its link encoder's channel is constant or a copy: there is no link encoder",
-        runs=nothing,
-        run_stds=nothing,
-        explained=float("nan"),
-        left=float("nan"),
-    )
-
-
-def _judge(fits: ComplianceFits, index: int, card: JointCard) -> JointStiffness:
+def _judge(fits: ComplianceFits, index: int, card: JointCard, *, present: bool) -> JointStiffness:
+    """Return the spring of one joint; `present` says whether it has a link encoder."""
     explained, left = float(fits.explained[index]), float(fits.left[index])
+    unit = f"{card.torque_unit}/{card.position_unit}"
+    nothing = np.full(fits.compliances.shape[1], np.nan)
+    if not present:
+        return JointStiffness(
+            joint=card.name,
+            unit=unit,
+            verdict=StiffnessVerdict.NO_ENCODER,
+            reason="its link encoder's channel is constant or a copy: there is no link encoder",
+            runs=nothing,
+            run_stds=nothing,
+            explained=float("nan"),
+            left=float("nan"),
+        )
     if fits.loading[index] <= FLAT:
-        nothing = np.full(fits.compliances.shape[1], np.nan)
         load = (
             "the torque of gravity on this joint does not change"
             if fits.steady[index] > FLAT
             else "gravity does not load this joint"
         )
-        reason = (
-            f"{load}, and torques of acceleration are shared by rotor and link in "
-            f"unknown parts; {left:.3g} {card.position_unit} of its torsion are left (root mean square)"
-        )
         return JointStiffness(
             joint=card.name,
-            unit=_get_unit(card),
+            unit=unit,
             verdict=StiffnessVerdict.NO_GRAVITY,
-            reason=reason,
+            reason=f"{load}, and torques of acceleration are shared by rotor and link in unknown parts; "
+            f"{left:.3g} {card.position_unit} of its torsion are left (root mean square)",
             runs=nothing,
             run_stds=nothing,
             explained=0.0,
@@ -521,18 +488,14 @@ def _judge(fits: ComplianceFits, index: int, card: JointCard) -> JointStiffness:
         )
     mean, std, run_stds, chance = _average(fits.compliances[:, :, index])
     low, high = _compute_interval(mean, std, len(fits.compliances) - 1)
-    against = [
-        *_check_noise(explained, left, card.position_unit),
-        *_check_runs(chance),
-        *_check_interval(low, high, _get_unit(card)),
-    ]
+    against = _list_objections((explained, left), chance, (low, high), card)
     reason = "; ".join(text for _, text in against) or (
         f"gravity explains {explained:.3g} {card.position_unit} of the torsion and leaves {left:.3g} "
         f"{card.position_unit}; the 95 % interval is that of the jackknife over blocks of time"
     )
     return JointStiffness(
         joint=card.name,
-        unit=_get_unit(card),
+        unit=unit,
         verdict=against[0][0] if against else StiffnessVerdict.IDENTIFIED,
         reason=reason,
         stiffness=None if against else 1.0 / mean,
@@ -544,6 +507,30 @@ def _judge(fits: ComplianceFits, index: int, card: JointCard) -> JointStiffness:
         explained=explained,
         left=left,
     )
+
+
+def _list_objections(
+    torsion: tuple[float, float], chance: float, interval: tuple[float, float], card: JointCard
+) -> list[tuple[StiffnessVerdict, str]]:
+    """Return what speaks against a stiffness: torsion explained and left, its runs, its interval."""
+    (explained, left), (low, high), unit = torsion, interval, card.position_unit
+    against = []
+    if explained <= left:
+        text = (
+            f"the torsion that gravity explains, {explained:.3g} {unit}, is smaller than what it leaves, "
+            f"{left:.3g} {unit} (root mean square)"
+        )
+        against.append((StiffnessVerdict.BELOW_NOISE, text))
+    if chance < _UNLIKELY:
+        text = f"the runs contradict each other: equal springs differ so much with a chance of {chance:.2g}"
+        against.append((StiffnessVerdict.INCONSISTENT, text))
+    if low <= 0.0:
+        text = (
+            f"a rigid joint lies in the interval: with 95 % its compliance is from {low:.3g} to {high:.3g}, "
+            f"the inverse of {card.torque_unit}/{unit}"
+        )
+        against.append((StiffnessVerdict.VAGUE, text))
+    return against
 
 
 def _average(replicates: FloatArray) -> tuple[float, float, FloatArray, float]:
@@ -571,33 +558,3 @@ def _compute_interval(mean: float, std: float, blocks: int) -> tuple[float, floa
 
     half = float(t.ppf(0.5 + 0.5 * _LEVEL, max(1, blocks - 1))) * std
     return mean - half, mean + half
-
-
-_Reasons = list[tuple[StiffnessVerdict, str]]
-
-
-def _check_noise(explained: float, left: float, unit: str) -> _Reasons:
-    if explained > left:
-        return []
-    text = (
-        f"the torsion that gravity explains, {explained:.3g} {unit}, is smaller than what it leaves, "
-        f"{left:.3g} {unit} (root mean square)"
-    )
-    return [(StiffnessVerdict.BELOW_NOISE, text)]
-
-
-def _check_runs(chance: float) -> _Reasons:
-    if chance >= _UNLIKELY:
-        return []
-    text = f"the runs contradict each other: equal springs differ so much with a chance of {chance:.2g}"
-    return [(StiffnessVerdict.INCONSISTENT, text)]
-
-
-def _check_interval(low: float, high: float, unit: str) -> _Reasons:
-    if low > 0.0:
-        return []
-    text = (
-        f"a rigid joint lies in the interval: with 95 % its compliance is from {low:.3g} to {high:.3g}, "
-        f"the inverse of {unit}"
-    )
-    return [(StiffnessVerdict.VAGUE, text)]

@@ -1,11 +1,9 @@
 """The two-step method: hysteresis given the dynamics, dynamics given the hysteresis, until both rest.
 
-ElasticProblem -> MethodFit.
-
     initialisation   y = Yd chi + sum_i k_i Delta(phi_i^2) / 2        linear springs, least squares
     H-step           spring_i <- min |F[tau_Ji](chi) - F[spring(phi_i)]|, torque of the motor equation
     X-step           chi <- min |y - W_e(springs) - Yd chi|, signs constrained
-    same cost        min |y - Yd chi - Ae k|^2 in one shot, or over k and chi in turn; no bounds
+    same cost        min |y - Yd chi - Ae k|^2 over k and chi in turn; no bounds
 
 The two steps minimise different costs, so that descent is not certain: a step whose merit rises by more
 than `_RISE` is halved, and where the iteration does not converge the iterate of least merit is kept. With
@@ -22,8 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
-from symid.identification.elastic.estimate import HistoryEntry, MethodFit, MethodOutcome
+from symid.arrays import FloatArray
+from symid.identification.elastic.estimate import HistoryEntry, MethodFit
 from symid.identification.elastic.problem import ElasticProblem, build_method_fit, build_start_spring
 from symid.identification.elastic.regression import (
     compute_window_columns,
@@ -38,8 +36,10 @@ from symid.identification.elastic.spring_fit import (
     rebuild_spring_data,
     refine_spring,
 )
-from symid.identification.hysteresis import SpringWeights, build_elasticity
-from symid.robot import Elasticity, Stop
+from symid.identification.hysteresis import SpringWeights, build_elasticity, build_stops
+from symid.identification.regression import solve_scaled
+from symid.ipopt import Ending
+from symid.robot import Elasticity
 
 _RISE = 0.01
 _HALVINGS = 4
@@ -56,20 +56,19 @@ class TwoStepState:
         data: stop basis of every joint, for the thresholds that its spring has now.
         springs: one a joint; empty before the first H-step.
         scales: residual sizes that the merit is made of, empty before the first step.
-        norms: residual norms, of the energy rows in J, then of the torque rows joint by joint.
-        merit: sum of squared norms over squared scales; change: relative step of chi; damping: its factor.
-        history: of all iterates so far.
+        history: of all iterates so far: sum of squared norms over squared scales, relative step of chi.
     """
 
     chi: FloatArray
     data: tuple[SpringData, ...]
     springs: tuple[SpringWeights, ...] = ()
     scales: tuple[float, ...] = ()
-    norms: tuple[float, ...] = ()
-    merit: float = float("inf")
-    change: float = float("inf")
-    damping: float = 1.0
     history: tuple[HistoryEntry, ...] = ()
+
+    @property
+    def merit(self) -> float:
+        """Return the merit of this iterate, infinite before the first step."""
+        return self.history[-1].merit if self.history else float("inf")
 
 
 def init_two_step(problem: ElasticProblem) -> TwoStepState:
@@ -98,7 +97,9 @@ def compute_square_work(problem: ElasticProblem) -> FloatArray:
 def step_two_step(problem: ElasticProblem, state: TwoStepState) -> TwoStepState:
     """Return the next iterate."""
     data, springs = _fit_springs(problem, state)
-    work = _compute_work(problem, springs)
+    elasticity = tuple(map(build_elasticity, springs))
+    parts = zip(problem.signals, problem.energy, strict=True)
+    work = np.concatenate([compute_window_work(elasticity, part, rows) for part, rows in parts])
     goal = solve_with_signs(problem.library.card, problem.design, problem.supplied - work)
     fraction = 1.0
     for _ in range(_HALVINGS):
@@ -116,27 +117,24 @@ def step_two_step(problem: ElasticProblem, state: TwoStepState) -> TwoStepState:
         data=data,
         springs=springs,
         scales=scales,
-        norms=norms,
-        merit=merit,
-        change=change,
-        damping=fraction,
         history=(*state.history, entry),
     )
 
 
-def terminate_two_step(problem: ElasticProblem, state: TwoStepState) -> MethodOutcome | None:
+def terminate_two_step(problem: ElasticProblem, state: TwoStepState) -> Ending | None:
     """Return how the iteration ended, None where it goes on."""
     options = problem.options
     if not np.all(np.isfinite(state.chi)):
-        return MethodOutcome.DIVERGED
+        return Ending.DIVERGED
     if len(state.history) > 1:
         # What a residual moves by counts relative to what was measured, not to a residual near zero.
         sizes = [np.linalg.norm(problem.supplied), *np.linalg.norm(problem.torque, axis=0)]
-        moved = np.abs(np.subtract(state.norms, state.history[-2].norms)) / np.maximum(sizes, 1e-300)
-        if state.change <= options.tolerance and np.all(moved <= options.tolerance):
-            return MethodOutcome.CONVERGED
+        before, now = state.history[-2:]
+        moved = np.abs(np.subtract(now.norms, before.norms)) / np.maximum(sizes, 1e-300)
+        if now.change <= options.tolerance and np.all(moved <= options.tolerance):
+            return Ending.CONVERGED
     if len(state.history) >= options.iterations:
-        return MethodOutcome.LIMIT
+        return Ending.LIMIT
     return None
 
 
@@ -149,34 +147,27 @@ def fit_two_step(problem: ElasticProblem) -> MethodFit:
         if state.merit < best.merit:
             best = state
         outcome = terminate_two_step(problem, state)
-    if outcome is MethodOutcome.CONVERGED and state.merit <= best.merit * (1.0 + _RISE):
+    if outcome is Ending.CONVERGED and state.merit <= best.merit * (1.0 + _RISE):
         best = state
     return build_method_fit(
         problem,
         "two-step",
         best.chi,
-        build_elasticities(best.springs),
+        tuple(map(build_elasticity, best.springs)),
         history=state.history,
         outcome=outcome,
     )
-
-
-def build_elasticities(springs: tuple[SpringWeights, ...]) -> tuple[Elasticity, ...]:
-    """Return the springs as records, one a joint."""
-    return tuple(map(build_elasticity, springs))
 
 
 def _fit_springs(
     problem: ElasticProblem, state: TwoStepState
 ) -> tuple[tuple[SpringData, ...], tuple[SpringWeights, ...]]:
     """Return the H-step: the spring of every joint given chi, and the data for its thresholds."""
-    beta, joints, _ = problem.sizes
-    target = problem.torque - problem.motor @ state.chi[beta:]
-    refine = problem.options.refine and problem.options.thresholds is None
+    target = problem.find_motor_side(state.chi)
+    refine = problem.options.moves_stops
     count = len(state.history)
     settled, springs = [], []
-    for joint in range(joints):
-        data, aim = state.data[joint], target[:, joint]
+    for joint, (data, aim) in enumerate(zip(state.data, target.T, strict=True)):
         start = (
             state.springs[joint] if state.springs else build_start_spring(problem.options, data, joint, aim)
         )
@@ -184,19 +175,9 @@ def _fit_springs(
             start = refine_spring(data, aim, start)
         elif refine and count == _GRID_STEPS + 1:
             start = follow_spring(data, aim, start)
-        data = rebuild_spring_data(data, start)
-        settled.append(data)
-        springs.append(fit_spring(data, aim, start))
+        settled.append(rebuild_spring_data(data, start))
+        springs.append(fit_spring(settled[-1], aim, start))
     return tuple(settled), tuple(springs)
-
-
-def _compute_work(problem: ElasticProblem, springs: tuple[SpringWeights, ...]) -> FloatArray:
-    elasticity = build_elasticities(springs)
-    parts = [
-        compute_window_work(elasticity, part, rows)
-        for part, rows in zip(problem.signals, problem.energy, strict=True)
-    ]
-    return np.concatenate(parts)
 
 
 def _compute_norms(
@@ -206,12 +187,10 @@ def _compute_norms(
     springs: tuple[SpringWeights, ...],
     work: FloatArray,
 ) -> tuple[float, ...]:
-    beta, _, _ = problem.sizes
     energy = problem.supplied - work - problem.design @ chi
-    target = problem.torque - problem.motor @ chi[beta:]
     torques = [
-        target[:, joint] - compute_filtered_torque(data[joint], weights)
-        for joint, weights in enumerate(springs)
+        aim - compute_filtered_torque(entry, weights)
+        for aim, entry, weights in zip(problem.find_motor_side(chi).T, data, springs, strict=True)
     ]
     return tuple(float(np.linalg.norm(part)) for part in (energy, *torques))
 
@@ -227,95 +206,41 @@ def _compute_change(problem: ElasticProblem, difference: FloatArray, chi: FloatA
 
 
 _LONGEST = 500
+_RANK = 1e-9
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class EnergyCost:
-    """|supplied - design chi - work k|^2: (m,) J, (m, p + n + pf), (m, sum (m_i + 1))."""
-
-    supplied: FloatArray
-    design: FloatArray
-    work: FloatArray
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("supplied", "design", "work"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
-
-
-def build_energy_cost(problem: ElasticProblem) -> EnergyCost:
-    """Return the energy rows with the work of springs and stops per unit stiffness."""
-    parts = [
-        compute_window_columns(problem.thresholds, signals, rows)
-        for signals, rows in zip(problem.signals, problem.energy, strict=True)
-    ]
-    return EnergyCost(supplied=problem.supplied, design=problem.design, work=np.vstack(parts))
-
-
-def compute_convergence_rate(cost: EnergyCost) -> float:
-    """Return the factor by which the error falls: the square of the largest singular value of Qd' Qe."""
-    cosines = np.linalg.svd(_compute_base(cost.design).T @ _compute_base(cost.work), compute_uv=False)
-    return float(min(cosines[0], 1.0) ** 2)
-
-
-def fit_joint_energy(problem: ElasticProblem) -> MethodFit:
-    """Return dynamics and stiffnesses that minimise the energy cost together."""
-    cost = build_energy_cost(problem)
-    solution = _solve_scaled(np.hstack([cost.design, cost.work]), cost.supplied)
-    count = cost.design.shape[1]
-    springs = _build_springs(problem, solution[count:])
-    return build_method_fit(problem, "joint-energy", solution[:count], springs)
+def build_stop_work(problem: ElasticProblem) -> FloatArray:
+    """Return the work of springs and stops per unit stiffness in every window (m, sum (m_i + 1)), J."""
+    parts = zip(problem.signals, problem.energy, strict=True)
+    return np.vstack([compute_window_columns(problem.thresholds, signals, rows) for signals, rows in parts])
 
 
 def fit_alternation(problem: ElasticProblem, *, iterations: int = _LONGEST) -> MethodFit:
-    """Return the same by alternating between stiffnesses and dynamics, from no springs at all.
+    """Return what minimises the energy cost by turns over stiffnesses and dynamics, from no springs at all.
 
     The history's `change` is the relative step of chi, its `merit` the cost in J^2.
     """
-    cost = build_energy_cost(problem)
-    chi = _solve_scaled(cost.design, cost.supplied)
-    stiffness = np.zeros(cost.work.shape[1])
-    lengths = np.maximum(np.linalg.norm(cost.design, axis=0), 1e-300)
+    design, supplied, columns = problem.design, problem.supplied, build_stop_work(problem)
+    chi = solve_scaled(design, supplied, rcond=_RANK)
+    stiffness = np.zeros(columns.shape[1])
+    lengths = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
     history: list[HistoryEntry] = []
-    outcome = MethodOutcome.LIMIT
+    outcome = Ending.LIMIT
     for _ in range(iterations):
-        stiffness = _solve_scaled(cost.work, cost.supplied - cost.design @ chi)
-        moved = _solve_scaled(cost.design, cost.supplied - cost.work @ stiffness)
+        stiffness = solve_scaled(columns, supplied - design @ chi, rcond=_RANK)
+        moved = solve_scaled(design, supplied - columns @ stiffness, rcond=_RANK)
         change = float(np.linalg.norm((moved - chi) * lengths) / np.linalg.norm(moved * lengths))
         chi = moved
-        error = cost.supplied - cost.design @ chi - cost.work @ stiffness
-        norm = float(np.linalg.norm(error))
+        norm = float(np.linalg.norm(supplied - design @ chi - columns @ stiffness))
         history.append(HistoryEntry(merit=norm**2, change=change, norms=(norm,)))
         if change <= problem.options.tolerance:
-            outcome = MethodOutcome.CONVERGED
+            outcome = Ending.CONVERGED
             break
-    springs = _build_springs(problem, stiffness)
-    return build_method_fit(problem, "same-cost", chi, springs, history=tuple(history), outcome=outcome)
-
-
-def _compute_base(matrix: FloatArray) -> FloatArray:
-    """Return orthonormal columns (m, r) that span those of `matrix`."""
-    lengths = np.linalg.norm(matrix, axis=0)
-    left, singular, _ = np.linalg.svd(matrix[:, lengths > 0] / lengths[lengths > 0], full_matrices=False)
-    base: FloatArray = left[:, singular > 1e-9 * singular[0]]
-    return base
-
-
-def _solve_scaled(matrix: FloatArray, right: FloatArray) -> FloatArray:
-    lengths = np.linalg.norm(matrix, axis=0)
-    scales = np.where(lengths > 0.0, lengths, 1.0)
-    solution: FloatArray = np.linalg.lstsq(matrix / scales, right, rcond=1e-9)[0] / scales
-    return solution
-
-
-def _build_springs(problem: ElasticProblem, stiffness: FloatArray) -> tuple[Elasticity, ...]:
     springs, at = [], 0
     for grid in problem.thresholds:
         own = stiffness[at : at + len(grid) + 1]
-        stops = tuple(
-            Stop(threshold=float(radius), stiffness=float(value))
-            for radius, value in zip(grid, own[1:], strict=True)
-        )
-        springs.append(Elasticity(stiffness=float(own[0]), stops=stops))
+        springs.append(Elasticity(stiffness=float(own[0]), stops=build_stops(grid, own[1:], -1.0)))
         at += len(own)
-    return tuple(springs)
+    return build_method_fit(
+        problem, "same-cost", chi, tuple(springs), history=tuple(history), outcome=outcome
+    )

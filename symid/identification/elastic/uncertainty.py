@@ -1,8 +1,5 @@
 """How uncertain dynamic parameters are: from the rows of a fit, and the Cramer-Rao bounds.
 
-Rows and residuals -> covariance; noise-free states, torque noise (and true springs) -> least covariance
-of chi.
-
     motor   IA ddtheta + F(dtheta) f + S w = tau + noise
     link    Y beta - S w = 0                                     exact, as the states are
 
@@ -26,7 +23,8 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen import Library
-from symid.identification.elastic.regression import ElasticSignals
+from symid.identification.diagnostics import sum_block_scores
+from symid.identification.elastic.regression import ElasticSignals, build_equations
 from symid.identification.elastic.spring_fit import compute_slips, compute_spring_slopes
 from symid.identification.hysteresis import read_weights
 from symid.identification.regression import RankRule, ScaledSpectrum, compute_spectrum
@@ -38,9 +36,11 @@ _BLOCKS = 100
 _RULE = RankRule()
 
 
-def mask_identifiable(design: FloatArray) -> NDArray[np.bool_]:
-    """Return which parameters (p,) the rows `design` (m, p) can tell apart from all others."""
-    return _mask_identifiable(compute_spectrum(design, _RULE.zero))
+def measure_identifiability(design: FloatArray) -> tuple[NDArray[np.bool_], float]:
+    """Return which parameters (p,) rows F (m, p) tell apart, and the condition number of what they tell."""
+    spectrum = compute_spectrum(design, _RULE.zero)
+    seen = spectrum.singular > _RULE.singular * spectrum.singular[0]
+    return _mask_identifiable(spectrum), float(spectrum.singular[0] / spectrum.singular[seen][-1])
 
 
 def mark_unidentifiable(covariance: FloatArray, told: NDArray[np.bool_]) -> FloatArray:
@@ -70,10 +70,8 @@ def compute_clustered_covariance(design: FloatArray, errors: FloatArray) -> Floa
     """
     spectrum = compute_spectrum(design, _RULE.zero)
     root = _compute_inverse_root(spectrum)
-    blocks = np.array_split(np.arange(len(errors)), min(_BLOCKS, len(errors)))
-    scores = np.stack([design[block].T @ errors[block] for block in blocks])
-    spread = (scores @ root) @ root.T
-    return mark_unidentifiable(spread.T @ spread, _mask_identifiable(spectrum))
+    scores, _ = sum_block_scores(design, errors, np.zeros(len(errors), dtype=np.intp), _BLOCKS)
+    return mark_unidentifiable(root @ (root.T @ scores @ root) @ root.T, _mask_identifiable(spectrum))
 
 
 def compute_elimination_bound(
@@ -92,17 +90,19 @@ def compute_elimination_bound(
     count = len(library.card.beta) + library.card.size + len(library.card.friction)
     information = np.zeros((count, count))
     for part, sigma in zip(signals, noise, strict=True):
-        (momentum,) = library.evaluate("momentum_regressor", part.q, part.dq)
-        (lagrange,) = library.evaluate("lagrange_regressor", part.q, part.dq)
-        rotor = differentiate(part.dtheta, part.period)[:, :, None] * np.eye(library.card.size)
-        columns = [differentiate(momentum, part.period) - lagrange, rotor]
-        if library.card.friction:
-            columns.append(library.evaluate("friction_regressor", part.dtheta)[0])
-        rows = (np.concatenate(columns, axis=2) / sigma[:, None]).reshape(-1, count)
+        motor, link = _build_exact_equations(library, part)
+        rows = (np.concatenate([link, motor], axis=2) / sigma[:, None]).reshape(-1, count)
         information += rows.T @ rows
     scales = np.sqrt(np.maximum(np.diag(information), 1e-300))
     bound: FloatArray = np.linalg.inv(information / np.outer(scales, scales)) / np.outer(scales, scales)
     return bound
+
+
+def _build_exact_equations(library: Library, part: ElasticSignals) -> tuple[FloatArray, FloatArray]:
+    """Return the motor (N, n, n + pf) and link (N, n, p) columns at all samples of noise-free states."""
+    return build_equations(
+        library, part, lambda values: differentiate(values, part.period), lambda values: values
+    )
 
 
 def _mask_identifiable(spectrum: ScaledSpectrum) -> NDArray[np.bool_]:
@@ -132,12 +132,7 @@ def compute_spring_bound(
 ) -> FloatArray:
     """Return the least covariance (p + n + pf, p + n + pf) of chi where the form of the springs is known.
 
-    Torque noise only, white, states exact; `covariance.find_bound` is that of who knows nothing of springs.
-
-    Args:
-        library: functions of the robot, whose card states the true springs of all joints.
-        signals: noise-free states of every recording, at the sample rate of the noisy ones.
-        noise: (n,) standard deviation of the torque noise of every recording, N m or N.
+    Arguments as those of `compute_elimination_bound`; the card states the true springs of all joints.
     """
     card = library.card
     beta, count = len(card.beta), len(card.beta) + card.size + len(card.friction)
@@ -145,7 +140,8 @@ def compute_spring_bound(
     motor, link = [], []
     for part, sigma in zip(signals, noise, strict=True):
         torques = _compute_spring_columns(springs, part.phi)
-        motor.append(_build_motor_rows(library, part, torques) / sigma[:, None])
+        drive = _build_exact_equations(library, part)[0]
+        motor.append(np.concatenate([drive, torques], axis=2) / sigma[:, None])
         link.append(_build_link_rows(library, part, torques))
     motors, links = (
         np.concatenate([rows.reshape(-1, rows.shape[2]) for rows in side]) for side in (motor, link)
@@ -179,19 +175,8 @@ def _compute_spring_columns(springs: Sequence[Elasticity], phi: FloatArray) -> F
     return np.concatenate(parts, axis=2)
 
 
-def _build_motor_rows(library: Library, part: ElasticSignals, torques: FloatArray) -> FloatArray:
-    """Return the columns (N, n, n + pf + w) of rotors, friction and springs."""
-    rotor = differentiate(part.dtheta, part.period)[:, :, None] * np.eye(library.card.size)
-    columns = [rotor]
-    if library.card.friction:
-        columns.append(library.evaluate("friction_regressor", part.dtheta)[0])
-    return np.concatenate([*columns, torques], axis=2)
-
-
 def _build_link_rows(library: Library, part: ElasticSignals, torques: FloatArray) -> FloatArray:
     """Return the columns (M, n, p + w) of links and springs, integrated over windows."""
-    (momentum,) = library.evaluate("momentum_regressor", part.q, part.dq)
-    (lagrange,) = library.evaluate("lagrange_regressor", part.q, part.dq)
     ends = slice(None, None, max(1, round(_WINDOW / part.period)))
 
     def add(values: FloatArray) -> FloatArray:
@@ -199,7 +184,8 @@ def _build_link_rows(library: Library, part: ElasticSignals, torques: FloatArray
         sums: FloatArray = np.diff(np.concatenate([np.zeros_like(values[:1]), steps])[ends], axis=0)
         return sums
 
-    return np.concatenate([np.diff(momentum[ends], axis=0) - add(lagrange), -add(torques)], axis=2)
+    link = build_equations(library, part, lambda values: np.diff(values[ends], axis=0), add)[1]
+    return np.concatenate([link, -add(torques)], axis=2)
 
 
 def _compute_null_space(rows: FloatArray) -> FloatArray:

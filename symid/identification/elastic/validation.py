@@ -1,8 +1,5 @@
 """What elastic models predict of a log, and how well links follow a motion under a model's feed-forward.
 
-Library, recording, fits -> ElasticTrial; robot with its truth, models, trajectory -> MotorReference ->
-TrackingRun.
-
     motor    F[tau_J] = F[tau] - IA F[ddtheta] - F[Yf] f
     link     F[tau_J] = F[M ddq + C dq + g]
     spring   F[tau_J] = F[spring(theta - q)]
@@ -26,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library, build_spring_vector, prepare_library
 from symid.errors import EstimateError, Notice, UsageError
 from symid.excitation import Trajectory
@@ -50,7 +47,7 @@ _FILTERS = ("stops", "rate", "cutoff")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class JointTrial:
+class JointTrial(FrozenArrays):
     """One joint: torsion and joint torque by several ways, all filtered alike.
 
     Args:
@@ -71,12 +68,6 @@ class JointTrial:
     final: FloatArray | None = None
     initial: FloatArray | None = None
     truth: FloatArray | None = None
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("time", "torsion", "motor", "link", "final", "initial", "truth"):
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, freeze(getattr(self, name)))
 
     @property
     def straight(self) -> float:
@@ -226,23 +217,17 @@ def _compute_spring_torques(
 def _list_residuals(
     joints: tuple[JointTrial, ...], rows: FilteredRows
 ) -> tuple[tuple[str, tuple[Residual, ...]], ...]:
-    torque = rows.torque
+    pairs = list(zip(joints, rows.torque.T, strict=True))
     tables = [
         (
             "Torque of the motors by the dynamics of motors and links together; no spring takes part.",
-            tuple(
-                _build_residual(entry, torque[:, index], entry.motor - entry.link)
-                for index, entry in enumerate(joints)
-            ),
+            tuple(_measure_residual(entry, torque, entry.motor - entry.link) for entry, torque in pairs),
         )
     ]
-    known = [(entry, entry.final) for entry in joints if entry.final is not None]
+    known = [(entry, torque, entry.final) for entry, torque in pairs if entry.final is not None]
     if known:
-        motors = (
-            _build_residual(entry, torque[:, index], entry.motor - final)
-            for index, (entry, final) in enumerate(known)
-        )
-        links = (_build_residual(entry, entry.link, entry.link - final) for entry, final in known)
+        motors = (_measure_residual(entry, torque, entry.motor - final) for entry, torque, final in known)
+        links = (_measure_residual(entry, entry.link, entry.link - final) for entry, _, final in known)
         tables += [
             ("Torque of the motors by their own dynamics and the springs.", tuple(motors)),
             ("Torque of the joints: what the links need, less what the springs say.", tuple(links)),
@@ -250,17 +235,8 @@ def _list_residuals(
     return tuple(tables)
 
 
-def _build_residual(entry: JointTrial, measured: FloatArray, residual: FloatArray) -> Residual:
-    whole = float(np.linalg.norm(measured))
-    norm = float(np.linalg.norm(residual))
-    return Residual(
-        joint=entry.joint,
-        norm=norm,
-        relative_percent=100.0 * norm / whole if whole else float("inf"),
-        std=float(np.std(residual)),
-        samples=len(residual),
-        unit=entry.unit,
-    )
+def _measure_residual(entry: JointTrial, measured: FloatArray, errors: FloatArray) -> Residual:
+    return Residual.measure(entry.joint, errors, measured, entry.unit, float(np.std(errors)))
 
 
 _FUNCTION = "elastic_inverse_dynamics"
@@ -322,17 +298,12 @@ _MULTIPLE = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class TrackingRun:
+class TrackingRun(FrozenArrays):
     """One run: time (N,) s, error (N, n) reached less desired position of the links, rad or m."""
 
     name: str
     time: FloatArray
     error: FloatArray
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        object.__setattr__(self, "time", freeze(self.time))
-        object.__setattr__(self, "error", freeze(self.error))
 
     @property
     def rms(self) -> FloatArray:
@@ -416,8 +387,11 @@ def prepare_controller(
         backend: what computes the function; see `prepare_library`.
     """
     places = dict(zip(robot.coordinates, counts, strict=True))
+    # The numbers of the springs are arguments of the function.
     joints = tuple(
-        replace(joint, elasticity=_build_template(places[index])) if index in places else joint
+        replace(joint, elasticity=_widen(Elasticity(stiffness=1.0), places[index]))
+        if index in places
+        else joint
         for index, joint in enumerate(robot.joints)
     )
     shaped = replace(robot, joints=joints)
@@ -457,8 +431,3 @@ def _widen(spring: Elasticity, count: SpringCounts) -> Elasticity:
     while len(above) < count.above:
         above.append(Knee(threshold=_FURTHER * above[-1].threshold if above else 1.0, slope=0.0))
     return replace(spring, stops=tuple(stops), knees=(*below, *above))
-
-
-def _build_template(count: SpringCounts) -> Elasticity:
-    """Return a spring of that shape; its numbers are arguments of the function."""
-    return _widen(Elasticity(stiffness=1.0), count)

@@ -3,20 +3,26 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from symid.identification.estimators.consistent import solve_consistent as solve_consistent
-    from symid.identification.estimators.consistent_problem import (
+    from symid.identification.estimators.consistent import (
         Bodies as Bodies,
         build_bodies as build_bodies,
+        solve_consistent as solve_consistent,
     )
     from symid.identification.estimators.estimate import (
         OPEN_SETTINGS as OPEN_SETTINGS,
+        DynamicsRecord as DynamicsRecord,
         Estimate as Estimate,
+        FitRecord as FitRecord,
         Outcome as Outcome,
         ParameterEstimate as ParameterEstimate,
         Residual as Residual,
         ResolvedProcessing as ResolvedProcessing,
         Series as Series,
         Validation as Validation,
+        check_model as check_model,
+        check_robot as check_robot,
+        compute_mean_relative as compute_mean_relative,
+        list_parameters as list_parameters,
     )
     from symid.identification.estimators.instrumental import (
         Exogeneity as Exogeneity,
@@ -31,7 +37,6 @@ if TYPE_CHECKING:
         compute_residuals as compute_residuals,
         estimate_group_weights as estimate_group_weights,
         estimate_period_noise as estimate_period_noise,
-        estimate_weights as estimate_weights,
         fit_condensed as fit_condensed,
         fit_weighted as fit_weighted,
     )

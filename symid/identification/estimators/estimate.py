@@ -1,18 +1,23 @@
-"""Records of results: parameters with their uncertainty, residuals, outcome, validation.
+"""Records of results: what was identified, of any kind, and what it explains of a log.
 
-A fit -> `Estimate`, which is written to and read from JSON without loss; an estimate and a log that it was
-not fitted to -> `Validation`.
+A fit -> `FitRecord`: `Estimate` of rigid joints, `ElasticEstimate`, `FrictionIdentification`; a fit and a
+log -> `Validation`. Fits are stored by `identification/stored.py`.
 """
 
-from collections.abc import Mapping
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from typing import ClassVar, final
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
-from symid.errors import Notice
-from symid.robot import Processing
+from symid.arrays import FloatArray, FrozenArrays
+from symid.codegen import ModelCard, ParameterCard
+from symid.errors import EstimateError, Notice
+from symid.identification.regression import ROW_KINDS
+from symid.robot import CurvedFriction, FrictionKind, Processing
+from symid.serialization import Finite
 
 OPEN_SETTINGS = ("filter_cutoff", "decimation.factor")
 """Entries of the processing that may be left open."""
@@ -38,21 +43,50 @@ class ParameterEstimate:
     """
 
     name: str
-    value: float
+    value: Finite
     std: float
     unit: str
     expression: str = ""
     reason: str = ""
-    truth: float | None = None
+    truth: Finite | None = None
 
     @property
     def relative_std_percent(self) -> float:
         """Return 100 std / |value|; infinite where the value is zero."""
         return 100.0 * self.std / abs(self.value) if self.value else float("inf")
 
+    @property
+    def error_percent(self) -> float | None:
+        """Return 100 (value - truth) / |truth|; None where the truth is zero or not known."""
+        return 100.0 * (self.value - self.truth) / abs(self.truth) if self.truth else None
+
+    @property
+    def near_truth(self) -> bool | None:
+        """Return whether the truth lies within three standard deviations; None where it is not known."""
+        return None if self.truth is None else abs(self.value - self.truth) <= 3.0 * self.std
+
     def __str__(self) -> str:
         """Return it as `ZZ2 = 0.080935 +- 8.1e-05 kg m^2`, with one standard deviation."""
         return f"{self.name} = {self.value:.5g} +- {self.std:.2g} {self.unit}".rstrip()
+
+
+def list_parameters(
+    cards: Sequence[ParameterCard], values: FloatArray, covariance: FloatArray | None
+) -> tuple[ParameterEstimate, ...]:
+    """Return the parameters of cards with values (p,) and covariance (p, p), None for deviations of 0."""
+    deviations = np.zeros(len(cards)) if covariance is None else np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    return tuple(
+        ParameterEstimate(
+            name=card.name,
+            value=value,
+            std=deviation,
+            unit=card.unit,
+            expression=card.expression,
+            reason=card.reason,
+            truth=card.value,
+        )
+        for card, value, deviation in zip(cards, values.tolist(), deviations.tolist(), strict=True)
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,69 +98,196 @@ class Residual:
     """
 
     joint: str
-    norm: float
+    norm: Finite
     relative_percent: float
     std: float
     samples: int
     unit: str
 
+    @classmethod
+    def measure(
+        cls, joint: str, errors: FloatArray, measured: FloatArray, unit: str, std: float | None = None
+    ) -> "Residual":
+        """Return the residual of errors and measured values (m,); `std` is the root mean square if None."""
+        norm, whole = float(np.linalg.norm(errors)), float(np.linalg.norm(measured))
+        return cls(
+            joint=joint,
+            norm=norm,
+            relative_percent=100.0 * norm / whole if whole else float("inf"),
+            std=norm / float(np.sqrt(len(errors))) if std is None else std,
+            samples=len(errors),
+            unit=unit,
+        )
 
-def _compute_mean_relative(residual: tuple[Residual, ...]) -> float:
+
+def compute_mean_relative(residual: Sequence[Residual]) -> float:
     """Return the plain mean over joints of the relative residuals, in percent."""
     return sum(entry.relative_percent for entry in residual) / len(residual)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Estimate:
-    """The result of an identification, with all that was used to get it.
+class FitRecord:
+    """The result of an identification, of any kind: what all of them have.
 
     Args:
         robot: its name; `signature` that of its model card.
-        rows: how measurements became equations; `estimator` how equations became parameters.
-        friction: the friction model of each joint.
-        parameters: what was learnt, in the order of the model card.
-        residual: what the fit leaves unexplained, joint by joint.
-        condition: condition number of the column-scaled matrix, over what can be learnt.
-        samples: rows of the fit.
+        friction: the friction model of each joint; empty where friction itself was identified.
         sources: the logs.
         settings: processing, log map and options, after overrides.
-        refused: parameters that the log cannot tell, with the reason.
-        unresolved: values of least norm for refused parameters that act only together. They
-            complete a prediction of motions like those of the log; one by one they mean nothing.
-        covariance: of `parameters`, row by row.
+        refused: parameters or joints that the logs cannot tell, with the reason.
         notices: what a reader of the result should know.
     """
 
+    kind: ClassVar[str]
     robot: str
     signature: str
-    rows: str
-    estimator: str
-    friction: tuple[str, ...]
-    parameters: tuple[ParameterEstimate, ...]
-    residual: tuple[Residual, ...]
-    condition: float
-    outcome: Outcome
-    samples: int
+    friction: tuple[str, ...] = ()
     sources: tuple[str, ...]
     settings: Mapping[str, object]
     refused: tuple[tuple[str, str], ...] = ()
-    unresolved: tuple[tuple[str, float], ...] = ()
-    covariance: tuple[tuple[float, ...], ...] = ()
     notices: tuple[Notice, ...] = ()
+
+    @abstractmethod
+    def list_mistakes(self) -> list[str]:
+        """Return what is wrong with a record from a file: entries that do not fit each other."""
+
+    @abstractmethod
+    def list_strangers(self, card: ModelCard) -> list[str]:
+        """Return where parameters or joints are not those of the model."""
+
+
+def check_model(record: FitRecord, card: ModelCard, file: str = "") -> None:
+    """Check that the record was made with the model of `card`; `file` is named in messages.
+
+    Raises:
+        EstimateError: its signature is another one, or parameters or joints are not the model's; the message
+            says what differs.
+    """
+    if record.signature == card.signature:
+        strangers = record.list_strangers(card)
+        if strangers:
+            text = f"it does not fit the model {card.robot!r}: {', '.join(strangers)}; identify again"
+            raise EstimateError(Notice(code="estimate.parameters", text=text, file=file))
+        return
+    friction = tuple(joint.friction for joint in card.joints)
+    check_robot(record, card.robot, file)
+    if record.friction and record.friction != friction:
+        difference = (
+            f"its friction is {', '.join(record.friction)}, that of the robot given {', '.join(friction)}"
+        )
+    else:
+        difference = (
+            f"the model of robot {card.robot!r} has changed since: its signature is now "
+            f"{card.signature[:12]}, the estimate's is {record.signature[:12]}"
+        )
+    raise _refuse_model(difference, file)
+
+
+def check_robot(record: FitRecord, robot: str, file: str = "") -> None:
+    """Check that the record was made for the robot of this name.
+
+    Raises:
+        EstimateError: for another one.
+    """
+    if record.robot != robot:
+        difference = f"it was identified for robot {record.robot!r}, the robot given is {robot!r}"
+        raise _refuse_model(difference, file)
+
+
+def _refuse_model(difference: str, file: str) -> EstimateError:
+    text = (
+        f"the estimate does not fit the model: {difference}; "
+        "use the same robot and options, or identify again"
+    )
+    return EstimateError(Notice(code="estimate.signature", text=text, file=file))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DynamicsRecord(FitRecord):
+    """Parameters of the dynamics, of rigid or elastic joints.
+
+    Args:
+        parameters: what was learnt, in the order of the model card.
+        residual: what the fit leaves unexplained, joint by joint.
+        condition: condition number of the column-scaled matrix, over what can be learnt.
+        covariance: of `parameters`, row by row; empty where the method has none.
+    """
+
+    parameters: tuple[ParameterEstimate, ...]
+    residual: tuple[Residual, ...]
+    condition: float
+    covariance: tuple[tuple[float, ...], ...] = ()
 
     @property
     def mean_relative_percent(self) -> float:
         """Return the mean over joints of the relative residuals, in percent."""
-        return _compute_mean_relative(self.residual)
+        return compute_mean_relative(self.residual)
 
-    def assemble(self, names: tuple[str, ...]) -> FloatArray:
+    def list_mistakes(self) -> list[str]:
+        """Return what is wrong with a record from a file: entries that do not fit each other."""
+        count, friction = len(self.parameters), [kind.value for kind in (*FrictionKind, *CurvedFriction)]
+        mistakes = []
+        if {len(self.covariance), *map(len, self.covariance)} - {0, count}:
+            mistakes.append(f"covariance: expected {count} rows of {count} numbers, one for each parameter")
+        if not self.residual:
+            mistakes.append("residual: expected one entry for each joint, got none")
+        mistakes += [
+            f"friction: expected one of {', '.join(friction)}, got {name!r}"
+            for name in self.friction
+            if name not in friction
+        ]
+        return mistakes + [
+            f"residual.samples: expected a count, got {entry.samples}"
+            for entry in self.residual
+            if entry.samples < 0
+        ]
+
+
+@final
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Estimate(DynamicsRecord):
+    """Parameters of a robot whose joints are rigid, or taken as rigid.
+
+    Args:
+        rows: how measurements became equations; `estimator` how equations became parameters.
+        samples: rows of the fit.
+        unresolved: values of least norm for refused parameters that act only together. They
+            complete a prediction of motions like those of the log; one by one they mean nothing.
+    """
+
+    kind: ClassVar[str] = "rigid"
+    rows: str
+    estimator: str
+    outcome: Outcome
+    samples: int
+    unresolved: tuple[tuple[str, Finite], ...] = ()
+
+    def assemble(self, names: Sequence[str]) -> FloatArray:
         """Return the parameters in the order of `names`, zero where nothing is known: (p,)."""
         known = dict(self.unresolved) | {entry.name: entry.value for entry in self.parameters}
         return np.array([known.get(name, 0.0) for name in names], dtype=np.float64)
 
+    def list_mistakes(self) -> list[str]:
+        """Return what is wrong with a record from a file: entries that do not fit each other."""
+        mistakes = DynamicsRecord.list_mistakes(self)
+        if self.samples < 0:
+            mistakes.append(f"samples: expected a count, got {self.samples}")
+        if self.rows not in ROW_KINDS:
+            mistakes.append(f"rows: expected one of {', '.join(ROW_KINDS)}, got {self.rows!r}")
+        return mistakes
+
+    def list_strangers(self, card: ModelCard) -> list[str]:
+        """Return where a parameter of the model is neither known nor refused, once, or one is not its own."""
+        expected = {entry.name for entry in (*card.beta, *card.friction)}
+        found = [entry.name for entry in self.parameters] + [name for name, _ in self.refused]
+        problems = [f"{name!r} is given twice" for name in dict.fromkeys(found) if found.count(name) > 1]
+        strange = [name for name, _ in self.unresolved if name not in expected]
+        problems += [f"{name!r} is no parameter of it" for name in (*found, *strange) if name not in expected]
+        return problems + [f"{name!r} is missing" for name in sorted(expected - set(found))]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Series:
+class Series(FrozenArrays):
     """Measured and predicted values of one joint's rows.
 
     Args:
@@ -141,11 +302,6 @@ class Series:
     velocity: FloatArray
     measured: FloatArray
     predicted: FloatArray
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("time", "velocity", "measured", "predicted"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -190,4 +346,4 @@ class Validation:
     @property
     def mean_relative_percent(self) -> float:
         """Return the mean over joints of the relative residuals, in percent."""
-        return _compute_mean_relative(self.residual)
+        return compute_mean_relative(self.residual)

@@ -36,7 +36,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import IdentifiabilityError, Notice
 from symid.identification.estimators.least_squares import RegressionFit, fit_weighted, iterate_weights
 from symid.identification.regression import (
@@ -46,6 +46,7 @@ from symid.identification.regression import (
     analyse_identifiability,
     compute_spectrum,
     condense_rows,
+    count_freedom,
 )
 
 _BLIND = "identify.blind-instruments"
@@ -58,7 +59,7 @@ _WHOLE = 1e-12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class InstrumentalSolution:
+class InstrumentalSolution(FrozenArrays):
     """What instruments find.
 
     Args:
@@ -73,10 +74,6 @@ class InstrumentalSolution:
     explained: FloatArray
     correlation: float
     strength: float
-
-    def __post_init__(self) -> None:
-        """Copy the array and make it read-only."""
-        object.__setattr__(self, "explained", freeze(self.explained))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -105,7 +102,7 @@ def fit_instruments(
     """
     measured = analyse_identifiability(rows, rule)
     seen = _analyse_instruments(_cut_instruments(rows, measured, instruments), rule)
-    used = 1 if freedom == "one" else int(seen.basis.shape[1])
+    used, independent = count_freedom(freedom, int(seen.basis.shape[1]), rows.independent)
 
     def solve(weights: FloatArray) -> FloatArray:
         return _solve_second_stage(
@@ -117,7 +114,6 @@ def fit_instruments(
     values, root = _solve_second_stage(stage, seen.basis)
     residuals = rows.values - rows.matrix @ values
     weighted = residuals * stage.factors
-    independent = rows.independent if freedom == "band" else 1.0
     variance = float(weighted @ weighted) / (independent * len(weighted) - used)
     correlation, strength = _measure_strength(rows, stage, seen.basis)
     spectrum = compute_spectrum(stage.matrix)
@@ -275,7 +271,7 @@ def assess_exogeneity(rows: Rows, found: InstrumentalSolution, freedom: str = "b
     apart = left[:, singular > _RANK]
     errors = usual.residuals * factors
     gained = float(np.sum((apart.T @ errors) ** 2))
-    independent = rows.independent if freedom == "band" else 1.0
+    _, independent = count_freedom(freedom, basis.shape[1], rows.independent)
     count, learnt = apart.shape[1], basis.shape[1]
     free = independent * len(errors) - learnt - count
     rest = float(errors @ errors) - gained

@@ -35,7 +35,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, freeze_fields
 from symid.errors import Notice, UsageError
 from symid.identification.estimators.estimate import Residual
 from symid.identification.regression import (
@@ -45,6 +45,7 @@ from symid.identification.regression import (
     Rows,
     compute_square_sums,
     condense_rows,
+    count_freedom,
     solve_condensed,
 )
 from symid.logs import Recording
@@ -62,13 +63,15 @@ class CondensedFit:
         values: (p,) parameters; covariance: (p, p).
         squares: (g,) sum of squared residuals of every group, in the rows' units.
         weights: (g,) what residuals of every group were multiplied by.
-        variance: of the weighted noise; condition: of the column-scaled, weighted matrix.
+        spent: degrees of freedom taken from the rows; variance: of the weighted noise.
+        condition: of the column-scaled, weighted matrix.
     """
 
     values: FloatArray
     covariance: FloatArray
     squares: FloatArray
     weights: FloatArray
+    spent: int
     variance: float
     condition: float
 
@@ -110,27 +113,28 @@ def iterate_weights(condensed: Condensed, solve: Callable[[FloatArray], FloatArr
 
 
 def fit_condensed(
-    condensed: Condensed, basis: FloatArray, *, weighted: bool = True, freedom: str = "band"
+    condensed: Condensed, basis: FloatArray, weights: FloatArray | None = None, freedom: str = "band"
 ) -> CondensedFit:
-    """Return the weighted or the ordinary fit of condensed rows.
+    """Return the fit of condensed rows.
 
     Args:
         condensed: the equations.
         basis: (p, r) directions that they see.
-        weighted: whether groups count by the inverse of their scatter, see `estimate_weights`.
+        weights: (g,) of the groups' residuals; None for the inverse of their scatter, see `estimate_weights`.
         freedom: how the variance of the noise is estimated, see `Processing.noise_freedom`.
     """
-    used = 1 if freedom == "one" else int(basis.shape[1])
-    weights = estimate_weights(condensed, basis, used) if weighted else np.ones(len(condensed.counts))
+    used, independent = count_freedom(freedom, int(basis.shape[1]), condensed.independent)
+    if weights is None:
+        weights = estimate_weights(condensed, basis, used)
     found = solve_condensed(condensed, basis, weights)
     squares = compute_square_sums(condensed, found.values)
-    independent = condensed.independent if freedom == "band" else 1.0
     variance = float(squares @ weights**2) / (independent * int(condensed.counts.sum()) - used)
     return CondensedFit(
         values=found.values,
         covariance=variance * (found.root @ found.root.T),
         squares=squares,
         weights=weights,
+        spent=used,
         variance=variance,
         condition=found.condition,
     )
@@ -178,25 +182,14 @@ def compute_group_scatter(rows: Rows, residuals: FloatArray, fitted: int) -> Flo
 
 def compute_residuals(rows: Rows, residuals: FloatArray, fitted: int) -> tuple[Residual, ...]:
     """Return norm, relative norm and scatter of every group that has rows."""
-    scatter = compute_group_scatter(rows, residuals, fitted)
-    entries = []
-    for index, name in enumerate(rows.group_names):
-        mask = rows.group == index
-        if not mask.any():
-            continue
-        norm = float(np.linalg.norm(residuals[mask]))
-        whole = float(np.linalg.norm(rows.values[mask]))
-        entries.append(
-            Residual(
-                joint=name,
-                norm=norm,
-                relative_percent=100.0 * norm / whole if whole else float("inf"),
-                std=float(scatter[index]),
-                samples=int(mask.sum()),
-                unit=rows.group_units[index],
-            )
-        )
-    return tuple(entries)
+    scatter = compute_group_scatter(rows, residuals, fitted).tolist()
+    masks = [rows.group == index for index in range(len(scatter))]
+    parts = zip(rows.group_names, rows.group_units, masks, scatter, strict=True)
+    return tuple(
+        Residual.measure(name, residuals[mask], rows.values[mask], unit, std)
+        for name, unit, mask, std in parts
+        if mask.any()
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -226,8 +219,7 @@ class RegressionFit:
         """Copy the arrays and make them read-only."""
         if len(self.weights) != len(self.residuals):
             object.__setattr__(self, "weights", np.ones(len(self.residuals)))
-        for name in ("values", "covariance", "residuals", "weights"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
+        freeze_fields(self)
 
 
 def fit_ols(rows: Rows, seen: Identifiability, freedom: str = "band") -> RegressionFit:
@@ -251,7 +243,7 @@ def fit_wls(rows: Rows, seen: Identifiability, freedom: str = "band") -> Regress
 
 def estimate_group_weights(rows: Rows, seen: Identifiability, freedom: str = "band") -> FloatArray:
     """Return the weights (g,) of `fit_wls`, the inverse scatter of every group's residuals."""
-    used = 1 if freedom == "one" else int(seen.basis.shape[1])
+    used, _ = count_freedom(freedom, int(seen.basis.shape[1]), rows.independent)
     return estimate_weights(condense_rows(rows), seen.basis, used)
 
 
@@ -263,8 +255,7 @@ def fit_weighted(
     residuals = rows.values - rows.matrix @ found.values
     factors = weights[rows.group] * np.sqrt(rows.weight)
     weighted = residuals * factors
-    used = 1 if freedom == "one" else int(seen.basis.shape[1])
-    independent = rows.independent if freedom == "band" else 1.0
+    used, independent = count_freedom(freedom, int(seen.basis.shape[1]), rows.independent)
     if rows.kind in SCALAR_KINDS:
         design = (rows.matrix * factors[:, None]) @ seen.basis
         covariance = compute_robust_covariance(seen.basis, design, weighted) / independent

@@ -31,7 +31,7 @@ Not supported: priors with correlations; wrong states (leverage); least variance
 check on wls, and a method for arms whose joints were recorded one by one.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -41,8 +41,7 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray
 from symid.codegen import ModelCard
 from symid.errors import Notice, UsageError
-from symid.identification.estimators.consistent import fit_consistent
-from symid.identification.estimators.consistent_problem import Bodies
+from symid.identification.estimators.consistent import Bodies, fit_consistent
 from symid.identification.estimators.estimate import Estimate
 from symid.identification.estimators.least_squares import (
     RegressionFit,
@@ -53,12 +52,12 @@ from symid.identification.estimators.least_squares import (
 )
 from symid.identification.regression import (
     SCALAR_KINDS,
-    Condensed,
     Identifiability,
     Rows,
     compute_square_sums,
     condense_rows,
     condense_weighted,
+    count_freedom,
     extend_triangle,
     solve_condensed,
     stack_condensed,
@@ -129,21 +128,6 @@ PRIOR_WEIGHTS = tuple(float(10.0 ** (0.5 * k)) for k in range(-12, 13))
 _BLOCKS = 5
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _PriorRows:
-    """The prior as rows: (x - x0) / d for the parameters that have a finite deviation."""
-
-    values: FloatArray
-    inverse: FloatArray
-
-    def build_rows(self, weight: float) -> FloatArray:
-        """Return [D | D x0] (q, p + 1), times the root of the weight."""
-        kept = self.inverse > 0.0
-        diagonal = np.diag(self.inverse)[kept]
-        rows: FloatArray = np.sqrt(weight) * np.column_stack([diagonal, (self.inverse * self.values)[kept]])
-        return rows
-
-
 def fit_ridge(
     rows: Rows,
     seen: Identifiability,
@@ -162,15 +146,18 @@ def fit_ridge(
         weight: of the prior, not negative; None to choose it by cross validation.
     """
     first = fit_ols(rows, seen, freedom)
-    independent = rows.independent if freedom == "band" else 1.0
+    _, independent = count_freedom(freedom, first.spent, rows.independent)
     # Rows behind a filter count for as many as they are worth, next to the prior.
     inverse_scatter = estimate_group_weights(rows, seen, freedom) * np.sqrt(independent)
     centre, deviations = prior.arrange(rows.names)
-    pull = _PriorRows(values=centre, inverse=1.0 / deviations)
+    known = np.isfinite(deviations)
+    # The prior as rows: (x - x0) / d for the parameters that have a finite deviation, [D | D x0].
+    pull = np.column_stack([np.eye(len(centre)), centre])[known] / deviations[known, None]
     scores: dict[float, float] = {}
     if weight is None:
         scores = _score_weights(rows, pull, inverse_scatter)
         weight = min(scores, key=lambda entry: scores[entry])
+    whole = float(np.sum((rows.values * inverse_scatter[rows.group]) ** 2 * rows.weight))
     triangle = stack_condensed(condense_rows(rows), inverse_scatter)
     values, root = _solve_ridge(triangle, pull, weight)
     residuals = rows.values - rows.matrix @ values
@@ -186,15 +173,17 @@ def fit_ridge(
             "prior": prior.source,
             "prior_weight": weight,
             "prior_weight_chosen": bool(scores),
-            "foretold_percent": _describe_scores(rows, scores, inverse_scatter),
+            # What is left of the weighted torque of the held-out blocks, for each weight.
+            "foretold_percent": [
+                (entry, 100.0 * float(np.sqrt(score / whole))) for entry, score in scores.items()
+            ],
         },
     )
 
 
-def _solve_ridge(triangle: FloatArray, pull: _PriorRows, weight: float) -> tuple[FloatArray, FloatArray]:
+def _solve_ridge(triangle: FloatArray, pull: FloatArray, weight: float) -> tuple[FloatArray, FloatArray]:
     """Return x (p,) and the root (p, p) of (A'A + w D^2)^+; directions that nothing tells stay at zero."""
-    parts = [triangle, pull.build_rows(weight)] if weight > 0.0 else [triangle]
-    whole = extend_triangle(np.zeros((0, triangle.shape[1])), [np.vstack(parts)])
+    whole = extend_triangle(np.zeros((0, triangle.shape[1])), [np.vstack([triangle, np.sqrt(weight) * pull])])
     matrix, target = whole[:, :-1], whole[:, -1]
     lengths = np.linalg.norm(matrix, axis=0)
     scales = np.where(lengths > 0.0, 1.0 / np.where(lengths > 0.0, lengths, 1.0), 0.0)
@@ -204,7 +193,7 @@ def _solve_ridge(triangle: FloatArray, pull: _PriorRows, weight: float) -> tuple
     return root @ (left[:, told].T @ target), root
 
 
-def _score_weights(rows: Rows, pull: _PriorRows, inverse_scatter: FloatArray) -> dict[float, float]:
+def _score_weights(rows: Rows, pull: FloatArray, inverse_scatter: FloatArray) -> dict[float, float]:
     """Return the weighted squares of blocks foretold by the others, for every weight."""
     block = _cut_runs(rows)
     parts = [condense_weighted(rows, rows.weight * (block == k)) for k in range(_BLOCKS)]
@@ -216,12 +205,8 @@ def _score_weights(rows: Rows, pull: _PriorRows, inverse_scatter: FloatArray) ->
         train = extend_triangle(np.zeros((0, size)), [others])
         for weight in scores:
             values, _ = _solve_ridge(train, pull, weight)
-            scores[weight] += _measure(held_out, values, inverse_scatter)
+            scores[weight] += float(compute_square_sums(held_out, values) @ inverse_scatter**2)
     return scores
-
-
-def _measure(part: Condensed, values: FloatArray, inverse_scatter: FloatArray) -> float:
-    return float(compute_square_sums(part, values) @ inverse_scatter**2)
 
 
 def _cut_runs(rows: Rows) -> NDArray[np.intp]:
@@ -233,14 +218,6 @@ def _cut_runs(rows: Rows) -> NDArray[np.intp]:
         first, span = float(time.min()), float(np.ptp(time)) or 1.0
         block[members] = np.minimum((_BLOCKS * (time - first) / span).astype(np.intp), _BLOCKS - 1)
     return block
-
-
-def _describe_scores(
-    rows: Rows, scores: dict[float, float], inverse_scatter: FloatArray
-) -> list[tuple[float, float]]:
-    """Return (weight, what is left of the weighted torque of the foretold blocks in percent)."""
-    whole = float(np.sum((rows.values * inverse_scatter[rows.group]) ** 2 * rows.weight))
-    return [(weight, 100.0 * float(np.sqrt(score / whole))) for weight, score in scores.items()]
 
 
 _BEND = 1.345
@@ -297,7 +274,7 @@ def _compute_huber_weights(residuals: FloatArray, scale: FloatArray) -> FloatArr
 
 def _compute_huber_variance(rows: Rows, ratios: FloatArray, spent: int, freedom: str) -> float:
     count = len(ratios)
-    independent = rows.independent if freedom == "band" else 1.0
+    _, independent = count_freedom(freedom, spent, rows.independent)
     psi = np.clip(ratios, -_BEND, _BEND)
     inner = float(np.mean(np.abs(ratios) <= _BEND))
     stretch = 1.0 + spent * (1.0 - inner) / (independent * count * inner)
@@ -325,7 +302,7 @@ def fit_sequential(rows: Rows, seen: Identifiability, freedom: str = "band") -> 
         text = f"{rows.kind} rows add up all joints: joint by joint takes torque, momentum or filtered rows"
         raise UsageError(Notice(code="usage.sequential-rows", text=text))
     condensed, together = condense_rows(rows), fit_wls(rows, seen, freedom)
-    independent = condensed.independent if freedom == "band" else 1.0
+    _, independent = count_freedom(freedom, together.spent, condensed.independent)
     state = _KnownParameters(
         np.zeros(len(rows.names)), np.zeros((len(rows.names), len(rows.names))), seen.basis
     )
@@ -391,33 +368,7 @@ class EstimatorOptions:
     noise: FloatArray | None = None
 
 
-def _fit_near_prior(
-    rows: Rows, seen: Identifiability, freedom: str, options: EstimatorOptions
-) -> RegressionFit:
-    if options.prior is None:
-        text = "the estimator ridge stays near a prior: name one, the robot file's values or an estimate"
-        raise UsageError(Notice(code="usage.no-prior", text=text))
-    return fit_ridge(rows, seen, freedom, prior=options.prior, weight=options.prior_weight)
-
-
-def _fit_bodies(rows: Rows, seen: Identifiability, freedom: str, options: EstimatorOptions) -> RegressionFit:
-    if options.bodies is None:
-        text = "the estimator consistent needs the bodies of the robot: give them in the options"
-        raise UsageError(Notice(code="usage.no-bodies", text=text))
-    return fit_consistent(rows, seen, freedom, bodies=options.bodies)
-
-
-EstimatorFunction = Callable[[Rows, Identifiability, str, EstimatorOptions], RegressionFit]
-
-ESTIMATORS: dict[str, EstimatorFunction] = {
-    "ols": lambda rows, seen, freedom, _: fit_ols(rows, seen, freedom),
-    "wls": lambda rows, seen, freedom, _: fit_wls(rows, seen, freedom),
-    "gls": lambda rows, seen, freedom, options: fit_gls(rows, seen, freedom, options.noise),
-    "huber": lambda rows, seen, freedom, _: fit_huber(rows, seen, freedom),
-    "ridge": _fit_near_prior,
-    "consistent": _fit_bodies,
-    "sequential": lambda rows, seen, freedom, _: fit_sequential(rows, seen, freedom),
-}
+ESTIMATORS = ("ols", "wls", "gls", "huber", "ridge", "consistent", "sequential")
 
 
 def fit_rows(
@@ -433,4 +384,26 @@ def fit_rows(
         UsageError: it does not fit the rows, or lacks an option.
         SolverError: it found no optimum.
     """
-    return ESTIMATORS[estimator](rows, seen, freedom, options or EstimatorOptions())
+    options = options or EstimatorOptions()
+    match estimator:
+        case "wls":
+            return fit_wls(rows, seen, freedom)
+        case "gls":
+            return fit_gls(rows, seen, freedom, options.noise)
+        case "huber":
+            return fit_huber(rows, seen, freedom)
+        case "sequential":
+            return fit_sequential(rows, seen, freedom)
+        case "ridge":
+            if options.prior is None:
+                text = (
+                    "the estimator ridge stays near a prior: name one, the robot file's values or an estimate"
+                )
+                raise UsageError(Notice(code="usage.no-prior", text=text))
+            return fit_ridge(rows, seen, freedom, prior=options.prior, weight=options.prior_weight)
+        case "consistent":
+            if options.bodies is None:
+                text = "the estimator consistent needs the bodies of the robot: give them in the options"
+                raise UsageError(Notice(code="usage.no-bodies", text=text))
+            return fit_consistent(rows, seen, freedom, bodies=options.bodies)
+    return fit_ols(rows, seen, freedom)

@@ -19,6 +19,17 @@ if TYPE_CHECKING:
         FrictionTask as FrictionTask,
         identify_friction as identify_friction,
     )
+    from symid.identification.friction.output_error import (
+        AxisModel as AxisModel,
+        SearchPlan as SearchPlan,
+        build_axis_run as build_axis_run,
+        build_axis_samples as build_axis_samples,
+        choose_axis_trial as choose_axis_trial,
+        compute_window_rmse as compute_window_rmse,
+        fit_whole_run as fit_whole_run,
+        simulate_axis as simulate_axis,
+        try_axis_model as try_axis_model,
+    )
     from symid.identification.friction.poses import CONFIDENCE as CONFIDENCE, PoseTest as PoseTest
     from symid.identification.friction.presliding import fit_presliding as fit_presliding
     from symid.identification.friction.problem import (
@@ -31,16 +42,14 @@ if TYPE_CHECKING:
         JointFriction as JointFriction,
         build_robot_friction as build_robot_friction,
         describe_obstacle as describe_obstacle,
-        is_friction_result as is_friction_result,
-        read_friction_result as read_friction_result,
         set_identified_friction as set_identified_friction,
-        write_friction_result as write_friction_result,
     )
     from symid.identification.friction.samples import FrictionSamples as FrictionSamples
-    from symid.identification.friction.selection import LawSelection as LawSelection
+    from symid.identification.friction.selection import (
+        LawSelection as LawSelection,
+        compute_relative_residual as compute_relative_residual,
+    )
     from symid.identification.friction.validation import (
-        check_friction_model as check_friction_model,
-        check_friction_robot as check_friction_robot,
         validate_friction as validate_friction,
     )
 else:

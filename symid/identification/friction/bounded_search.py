@@ -23,7 +23,6 @@ Not supported: optima in a kink to full precision and a proof of the optimum (`v
 a hundredth of the evaluations).
 """
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -31,7 +30,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
-from symid.identification.friction.estimate import FrictionSearch, SearchOutcome
+from symid.identification.friction.estimate import FrictionSearch
 from symid.identification.friction.problem import (
     AnnealingOptions,
     EvolutionOptions,
@@ -40,14 +39,12 @@ from symid.identification.friction.problem import (
     GeneticOptions,
     Projector,
 )
-from symid.ipopt import build_ipopt_functions, describe_ipopt_status
-from symid.joint_models import FrictionLaw, OperatorFriction
-
-_TINY = 1e-100
+from symid.ipopt import Ending, IpoptOptions, SmoothProblem, keep_last, minimise
+from symid.joint_models import FrictionLaw, build_casadi_carrier
 
 
 class FrictionNlpCost:
-    """f, its gradient and Hessian; the last point is kept, as the solver asks for it several times."""
+    """f, its gradient and Hessian, and how many points were evaluated."""
 
     def __init__(self, problem: FrictionProblem, scale: float) -> None:
         """Build the derivatives of the law; f is J over `scale`."""
@@ -56,43 +53,35 @@ class FrictionNlpCost:
         self.inputs = np.vstack([problem.samples.inputs[name] for name in problem.law.inputs])
         self.size = len(problem.law.physical)
         self.upper = np.triu_indices(self.size)
-        self.key = b""
-        self.kept: tuple[FloatArray, FloatArray, FloatArray] | None = None
+        self.find_state = keep_last(self._compute_state)
 
     def find_value(self, x: FloatArray) -> float:
         """Return f at x (n,)."""
-        errors = self._find_state(x)[0]
+        errors = self.find_state(x)[0]
         return float(errors @ errors) / self.scale
 
     def find_gradient(self, x: FloatArray) -> FloatArray:
         """Return df/dx: (n,)."""
-        errors, slopes, _ = self._find_state(x)
+        errors, slopes, _ = self.find_state(x)
         return np.asarray(slopes.T @ errors * (2.0 / self.scale))
 
     def find_hessian(self, x: FloatArray) -> FloatArray:
         """Return d2f/dx2: (n, n)."""
-        _, slopes, bends = self._find_state(x)
+        _, slopes, bends = self.find_state(x)
         hessian = slopes.T @ slopes
         second = np.zeros_like(hessian)
         second[self.upper] = bends
         second += np.triu(second, 1).T
         return np.asarray((hessian + second) * (2.0 / self.scale))
 
-    def _find_state(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _compute_state(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return errors (M,), their derivatives (M, n), and errors' sum over second ones, upper triangle."""
-        if self.kept is None or self.key != x.tobytes():
-            self.evaluations += 1
-            samples = self.problem.samples
-            rows = [np.asarray(part, dtype=np.float64).T for part in self.function(x, self.inputs)]
-            passed = samples.pass_columns(np.hstack(rows))
-            basis = self.problem.basis
-            errors = passed[:, 0] - self.problem.target
-            errors = errors - basis @ (basis.T @ errors)
-            slopes = passed[:, 1 : 1 + self.size]
-            slopes = slopes - basis @ (basis.T @ slopes)
-            self.kept = errors, slopes, passed[:, 1 + self.size :].T @ errors
-            self.key = x.tobytes()
-        return self.kept
+        self.evaluations += 1
+        rows = [np.asarray(part, dtype=np.float64).T for part in self.function(x, self.inputs)]
+        passed = self.problem.samples.pass_columns(np.hstack(rows))
+        errors = self.problem.eliminate(passed[:, 0] - self.problem.target)
+        slopes = self.problem.eliminate(passed[:, 1 : 1 + self.size])
+        return errors, slopes, passed[:, 1 + self.size :].T @ errors
 
 
 def _build_function(law: FrictionLaw) -> Any:  # noqa: ANN401  # a function of casadi
@@ -105,7 +94,7 @@ def _build_function(law: FrictionLaw) -> Any:  # noqa: ANN401  # a function of c
     count = len(law.linear)
     named = {name: inputs[place] for place, name in enumerate(law.inputs)}
     shape = [values[count + place] for place in range(len(law.shape))]
-    columns = law.columns(_build_carrier(), named, shape)
+    columns = law.columns(build_casadi_carrier(), named, shape)
     torque = casadi.dot(values[:count], casadi.vertcat(*columns))
     hessian, gradient = casadi.hessian(torque, x)
     size = len(law.physical)
@@ -113,38 +102,8 @@ def _build_function(law: FrictionLaw) -> Any:  # noqa: ANN401  # a function of c
     return casadi.Function("torque", [x, inputs], [torque, gradient, casadi.vertcat(*places)])
 
 
-def _build_carrier() -> OperatorFriction[Any]:
-    import casadi
-
-    return OperatorFriction(
-        zero=casadi.SX(0.0),
-        one=casadi.SX(1.0),
-        exp=casadi.exp,
-        tanh=casadi.tanh,
-        sin=casadi.sin,
-        cos=casadi.cos,
-        sign=casadi.sign,
-        absolute=casadi.fabs,
-        maximum=casadi.fmax,
-        minimum=casadi.fmin,
-        # At zero, derivatives would hold its logarithm and negative powers, although they vanish.
-        power=lambda base, exponent: casadi.fmax(base, _TINY) ** exponent,
-    )
-
-
 _TRIED = 8
 """Starts looked at for each that is followed."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _FrictionRun:
-    """One start's end: physical parameters (n,), J, how it ended, iterations of Ipopt."""
-
-    x: FloatArray
-    objective: float
-    outcome: SearchOutcome
-    ended: str
-    iterations: int
 
 
 def search_by_nlp(problem: FrictionProblem, options: FrictionNlpOptions) -> FrictionSearch:
@@ -155,7 +114,10 @@ def search_by_nlp(problem: FrictionProblem, options: FrictionNlpOptions) -> Fric
         options: starts, tolerance, limit of iterations.
     """
     law, projector = problem.law, Projector(problem, np.iinfo(np.int64).max)
-    low, high = _list_bounds(problem)
+    names = [entry.name for entry in law.shape]
+    # Bounds of the shape are those of the search.
+    box = dict(zip(names, zip(problem.low, problem.high, strict=True), strict=True))
+    low, high = np.array([box.get(entry.name, (entry.lower, entry.upper)) for entry in law.physical]).T
     states = sorted(
         (projector.project(z) for z in _list_starts(problem, _TRIED * options.starts)),
         key=lambda state: state.objective,
@@ -163,39 +125,37 @@ def search_by_nlp(problem: FrictionProblem, options: FrictionNlpOptions) -> Fric
     cost = FrictionNlpCost(
         problem, max(states[0].objective, 1e-20 * float(problem.target @ problem.target), 1e-300)
     )
-    history, runs = [states[0].objective], []
+    smooth = SmoothProblem(
+        value=cost.find_value, gradient=cost.find_gradient, hessian=cost.find_hessian, lower=low, upper=high
+    )
+    settings = IpoptOptions(tolerance=options.tolerance, iterations=options.iterations)
+    history, runs, objectives = [states[0].objective], [], []
     for state in states[: options.starts]:
-        start = np.array(law.to_physical(list(state.linear), list(state.shape)))
-        runs.append(_run_ipopt(cost, np.clip(start, low, high), low, high, options))
-        history.append(min(history[-1], runs[-1].objective) if runs[-1].outcome.usable else history[-1])
-    usable = [run for run in runs if run.outcome.usable]
-    best = min(usable or runs, key=lambda run: run.objective)
+        start = np.clip(law.to_physical(list(state.linear), list(state.shape)), low, high)
+        # One unit of a scaled unknown changes the objective by about one.
+        bend = np.abs(np.diag(cost.find_hessian(start)))
+        scales = np.where(bend > 0.0, 1.0 / np.sqrt(np.where(bend > 0.0, bend, 1.0)), 1.0)
+        runs.append(minimise(smooth, start, settings, scales))
+        objectives.append(cost.find_value(runs[-1].x) * cost.scale)
+        history.append(min(history[-1], objectives[-1]) if runs[-1].outcome.usable else history[-1])
+    usable = [place for place, run in enumerate(runs) if run.outcome.usable]
+    place = min(usable or range(len(runs)), key=lambda place: objectives[place])
+    best, objective = runs[place], objectives[place]
     iterations = sum(run.iterations for run in runs)
     linear, shape = law.from_physical([float(value) for value in best.x])
-    same = sum(run.objective <= best.objective * (1.0 + 1e-6) for run in usable)
+    same = sum(objectives[place] <= objective * (1.0 + 1e-6) for place in usable)
     return FrictionSearch(
         linear=np.array(linear),
         shape=np.array(shape),
-        objective=best.objective,
+        objective=objective,
         evaluations=cost.evaluations + projector.evaluations,
         solves=projector.solves + iterations,
         iterations=iterations,
         history=tuple(history),
         outcome=best.outcome,
-        ended=f"{best.ended}; {same} of {len(runs)} starts end at this optimum",
+        ended=f"Ipopt ended: {best.reason}; {same} of {len(runs)} starts end at this optimum",
         settings=(("starts", len(runs)), ("agreeing", same)),
     )
-
-
-def _list_bounds(problem: FrictionProblem) -> tuple[FloatArray, FloatArray]:
-    """Return bounds (n,) of the physical parameters; those of the shape are the search's."""
-    law = problem.law
-    box = {
-        entry.name: (float(low), float(high))
-        for entry, low, high in zip(law.shape, problem.low, problem.high, strict=True)
-    }
-    pairs = [box.get(entry.name, (entry.lower, entry.upper)) for entry in law.physical]
-    return np.array([pair[0] for pair in pairs]), np.array([pair[1] for pair in pairs])
 
 
 def _list_starts(problem: FrictionProblem, count: int) -> list[FloatArray]:
@@ -212,60 +172,9 @@ def _list_starts(problem: FrictionProblem, count: int) -> list[FloatArray]:
     starts = []
     for number in range(1, count + 1):
         z = np.array(low)
-        place = problem.is_free > 0.0
-        z[place] += np.mod(0.5 + number * steps, 1.0) * (high - low)[place]
+        z[problem.is_free] += np.mod(0.5 + number * steps, 1.0) * (high - low)[problem.is_free]
         starts.append(z)
     return starts
-
-
-def _run_ipopt(
-    cost: FrictionNlpCost, start: FloatArray, low: FloatArray, high: FloatArray, options: FrictionNlpOptions
-) -> _FrictionRun:
-    """Return the end of one start (n,)."""
-    import casadi
-
-    # One unit of a scaled unknown changes the objective by about one.
-    bend = np.abs(np.diag(cost.find_hessian(start)))
-    scales = np.where(bend > 0.0, 1.0 / np.sqrt(np.where(bend > 0.0, bend, 1.0)), 1.0)
-    functions = build_ipopt_functions(
-        cost.size,
-        lambda z: cost.find_value(z * scales),
-        lambda z: cost.find_gradient(z * scales) * scales,
-        lambda z: cost.find_hessian(z * scales) * np.outer(scales, scales),
-    )
-    unknowns = casadi.MX.sym("x", cost.size)
-    settings = {
-        "grad_f": functions.gradient,
-        "hess_lag": functions.hessian,
-        "no_nlp_grad": True,
-        "print_time": False,
-        "error_on_fail": False,
-        "ipopt": {
-            "print_level": 0,
-            "sb": "yes",
-            "linear_solver": "mumps",
-            "nlp_scaling_method": "none",
-            "bound_relax_factor": 0.0,
-            "tol": options.tolerance,
-            "max_iter": options.iterations,
-            "mu_strategy": "adaptive",
-        },
-    }
-    solver = casadi.nlpsol("friction", "ipopt", {"x": unknowns, "f": functions.value(unknowns)}, settings)
-    answer = solver(x0=start / scales, lbx=low / scales, ubx=high / scales)
-    statistics = solver.stats()
-    name, reason = describe_ipopt_status(str(statistics["return_status"]))
-    outcome, ended = SearchOutcome[name], f"Ipopt ended: {reason}"
-    x = np.clip(np.array(answer["x"], dtype=np.float64).ravel() * scales, low, high)
-    if not np.all(np.isfinite(x)):
-        x, outcome, ended = start, SearchOutcome.FAILED, f"{ended}, without finite numbers"
-    return _FrictionRun(
-        x=x,
-        objective=cost.find_value(x) * cost.scale,
-        outcome=outcome,
-        ended=ended,
-        iterations=int(statistics["iter_count"]),
-    )
 
 
 class UnitBoxProblem:
@@ -340,80 +249,16 @@ def choose_survivors(
     return both[kept], values[kept]
 
 
-def build_population_search(
-    genome: UnitBoxProblem,
-    genes: FloatArray,
-    objectives: FloatArray,
-    *,
-    history: list[float],
-    tolerance: float,
-    settings: tuple[tuple[str, float | int | str], ...],
-    settled: bool,
-) -> FrictionSearch:
-    """Return the best of a last generation, genes (P, d) and objectives (P,), as the end of a search."""
-    best = int(np.argmin(objectives))
-    linear, shape = genome.express(genes[best : best + 1])
-    generations = len(history) - 1
-    return FrictionSearch(
-        linear=linear[0],
-        shape=shape[0],
-        objective=float(objectives[best]),
-        evaluations=genome.evaluations,
-        solves=0,
-        iterations=generations,
-        history=tuple(history),
-        outcome=SearchOutcome.STAGNATED if settled else SearchOutcome.LIMIT,
-        ended=(
-            f"worst and best candidate differ by less than {tolerance:g} of the objective"
-            if settled
-            else f"{generations} generations passed"
-        ),
-        settings=settings,
-    )
-
-
-def search_by_genes(
-    problem: FrictionProblem, options: GeneticOptions, generator: np.random.Generator
+def search_by_population(
+    problem: FrictionProblem,
+    options: GeneticOptions | AnnealingOptions,
+    generator: Generator,
 ) -> FrictionSearch:
     """Return the best candidate of the last generation.
 
     Args:
         problem: of one joint.
-        options: population, width of the crossover, stop rule.
-        generator: of all random numbers.
-    """
-    genome = UnitBoxProblem(problem)
-    genes = generator.random((options.population * genome.size, genome.size))
-    objectives = genome.find_objectives(genes)
-    history = [float(np.min(objectives))]
-    settled = False
-    while not settled and len(history) <= options.generations:
-        parents = genes[draw_winners(objectives, generator)]
-        children = draw_children(genes, parents, options.width, generator)
-        reached = genome.find_objectives(children)
-        genes, objectives = choose_survivors(genes, objectives, children, reached)
-        history.append(float(objectives[0]))
-        settled = compute_spread(objectives) <= options.tolerance
-    settings = (("population", len(genes)), ("width", options.width))
-    return build_population_search(
-        genome,
-        genes,
-        objectives,
-        history=history,
-        tolerance=options.tolerance,
-        settings=settings,
-        settled=settled,
-    )
-
-
-def search_by_annealing(
-    problem: FrictionProblem, options: AnnealingOptions, generator: np.random.Generator
-) -> FrictionSearch:
-    """Return the best candidate of the last generation.
-
-    Args:
-        problem: of one joint.
-        options: population, widths of crossover and neighbours, cooling, stop rule.
+        options: of the genetic algorithm, or of its hybrid with annealing, which visits neighbours as well.
         generator: of all random numbers.
     """
     genome = UnitBoxProblem(problem)
@@ -426,27 +271,58 @@ def search_by_annealing(
         parents = genes[draw_winners(objectives, generator)]
         children = draw_children(genes, parents, options.width, generator)
         genes, objectives = choose_survivors(genes, objectives, children, genome.find_objectives(children))
-        neighbours = draw_children(genes, genes, options.step, generator)
-        reached = genome.find_objectives(neighbours)
-        rise = reached - objectives
-        chance = np.exp(-np.maximum(rise, 0.0) / max(temperature, 1e-300))
-        accepted = generator.random(len(genes)) < chance
-        # Survivors stand in order: the first is the best.
-        accepted[0] = rise[0] < 0.0
-        genes = np.where(accepted[:, None], neighbours, genes)
-        objectives = np.where(accepted, reached, objectives)
-        temperature *= options.cooling
+        if isinstance(options, AnnealingOptions):
+            neighbours = draw_children(genes, genes, options.step, generator)
+            reached = genome.find_objectives(neighbours)
+            rise = reached - objectives
+            chance = np.exp(-np.maximum(rise, 0.0) / max(temperature, 1e-300))
+            accepted = generator.random(len(genes)) < chance
+            # Survivors stand in order: the first is the best.
+            accepted[0] = rise[0] < 0.0
+            genes = np.where(accepted[:, None], neighbours, genes)
+            objectives = np.where(accepted, reached, objectives)
+            temperature *= options.cooling
         history.append(float(np.min(objectives)))
         settled = compute_spread(objectives) <= options.tolerance
-    settings = (("population", len(genes)), ("width", options.width), ("cooling", options.cooling))
-    return build_population_search(
+    best = int(np.argmin(objectives))
+    cooling = (("cooling", options.cooling),) if isinstance(options, AnnealingOptions) else ()
+    difference = f"worst and best candidate differ by less than {options.tolerance:g} of the objective"
+    return _build_search(
         genome,
-        genes,
-        objectives,
+        genes[best],
+        float(objectives[best]),
         history=history,
-        tolerance=options.tolerance,
-        settings=settings,
+        iterations=len(history) - 1,
         settled=settled,
+        ended=difference if settled else f"{options.generations} generations passed",
+        settings=(("population", len(genes)), ("width", options.width), *cooling),
+    )
+
+
+def _build_search(
+    genome: UnitBoxProblem,
+    genes: FloatArray,
+    objective: float,
+    *,
+    history: list[float],
+    iterations: int,
+    settled: bool,
+    ended: str,
+    settings: tuple[tuple[str, float | int | str], ...],
+) -> FrictionSearch:
+    """Return the end of a search with the best candidate, genes (d,)."""
+    linear, shape = genome.express(genes[None, :])
+    return FrictionSearch(
+        linear=linear[0],
+        shape=shape[0],
+        objective=objective,
+        evaluations=genome.evaluations,
+        solves=0,
+        iterations=iterations,
+        history=tuple(history),
+        outcome=Ending.STAGNATED if settled else Ending.LIMIT,
+        ended=ended,
+        settings=settings,
     )
 
 
@@ -484,21 +360,15 @@ def search_by_evolution(
         vectorized=True,
         updating="deferred",
     )
-    linear, shape = genome.express(answer.x[None, :])
     settled = bool(answer.success)
-    return FrictionSearch(
-        linear=linear[0],
-        shape=shape[0],
-        objective=float(answer.fun),
-        evaluations=genome.evaluations,
-        solves=0,
+    difference = f"the candidates' objectives differ by less than {options.tolerance:g} of their mean"
+    return _build_search(
+        genome,
+        answer.x,
+        float(answer.fun),
+        history=history,
         iterations=int(answer.nit),
-        history=tuple(history),
-        outcome=SearchOutcome.STAGNATED if settled else SearchOutcome.LIMIT,
-        ended=(
-            f"the candidates' objectives differ by less than {options.tolerance:g} of their mean"
-            if settled
-            else f"{options.generations} generations passed"
-        ),
+        settled=settled,
+        ended=difference if settled else f"{options.generations} generations passed",
         settings=(("population", options.population * genome.size), ("strategy", options.strategy)),
     )

@@ -1,8 +1,5 @@
 """What a fit of a friction law says: how the search ended, parameters, and how uncertain they are.
 
-FrictionSearch (of every estimator alike); samples, law, values -> Uncertainty, criteria;
-FrictionEstimate.
-
     F = R [Phi(v; s), dPhi/ds c, X],   cov = sigma^2 (F'F)^+,   sigma^2 = J / (M - p - s - k)
     physical = mixing (c, s)
     AICc = M ln(J / M) + 2 k + 2 k (k + 1) / (M - k - 1)      Hurvich and Tsai, Biometrika 76 (1989) 297-307
@@ -20,40 +17,37 @@ files.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import Notice
 from symid.identification.estimators import ParameterEstimate
 from symid.identification.friction.samples import FrictionSamples
+from symid.ipopt import Ending
 from symid.joint_models import FrictionLaw, compute_column_derivatives, compute_columns
 
 
-class SearchOutcome(Enum):
-    """How a fit ended; the value is the explanation."""
+class NamedParameters:
+    """Base of results: parameters of a law, and of what stands beside it, by name."""
 
-    CONVERGED = "all tolerances are met"
-    ACCEPTABLE = "only the looser tolerances are met"
-    STAGNATED = "the search ended because it made no more progress"
-    LIMIT = "a limit of iterations, generations or evaluations was reached"
-    STALLED = "no step made progress before the tolerances were met"
-    INFEASIBLE = "the bounds contradict each other"
-    DIVERGED = "the unknowns grew without bound"
-    FAILED = "the search broke down"
-    SOME_REFUSED = "the fit is complete, but some parameters cannot be learnt from these samples"
+    __slots__ = ()
+    parameters: tuple[ParameterEstimate, ...]
+    extra: tuple[ParameterEstimate, ...]
 
-    @property
-    def usable(self) -> bool:
-        """Return whether the numbers may be used."""
-        return self not in {SearchOutcome.INFEASIBLE, SearchOutcome.DIVERGED, SearchOutcome.FAILED}
+    def get_value(self, name: str) -> float | None:
+        """Return the value of a parameter of the law or beside it; None where it has none."""
+        return {entry.name: entry.value for entry in (*self.parameters, *self.extra)}.get(name)
+
+    def get_std(self, name: str) -> float | None:
+        """Return the standard deviation of a parameter; None where it was refused or not fitted."""
+        return {entry.name: entry.std for entry in (*self.parameters, *self.extra)}.get(name)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FrictionEstimate:
+class FrictionEstimate(NamedParameters):
     """The result of a fit.
 
     Args:
@@ -94,7 +88,7 @@ class FrictionEstimate:
     evaluations: int
     solves: int
     iterations: int
-    outcome: SearchOutcome
+    outcome: Ending
     ended: str
     aicc: float
     bic: float
@@ -103,19 +97,9 @@ class FrictionEstimate:
     settings: tuple[tuple[str, float | int | str], ...] = ()
     notices: tuple[Notice, ...] = ()
 
-    def get_value(self, name: str) -> float | None:
-        """Return the value of a parameter of the law or beside it; None where it was refused."""
-        values = {entry.name: entry.value for entry in (*self.parameters, *self.extra)}
-        return values.get(name)
-
-    def get_std(self, name: str) -> float | None:
-        """Return the standard deviation of a parameter; None where it was refused."""
-        values = {entry.name: entry.std for entry in (*self.parameters, *self.extra)}
-        return values.get(name)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FrictionSearch:
+class FrictionSearch(FrozenArrays):
     """The end of a search.
 
     Args:
@@ -133,18 +117,13 @@ class FrictionSearch:
     solves: int
     iterations: int
     history: tuple[float, ...]
-    outcome: SearchOutcome
+    outcome: Ending
     ended: str
     settings: tuple[tuple[str, float | int | str], ...] = ()
 
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("linear", "shape"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
 
-
-def compute_aicc(objective: float, rows: int, unknowns: int, floor: float = 0.0) -> float:
-    """Return AICc; infinite where there are too few rows.
+def compute_criteria(objective: float, rows: int, unknowns: int, floor: float = 0.0) -> tuple[float, float]:
+    """Return AICc, infinite where there are too few rows, and BIC.
 
     Args:
         objective: J, (N m)^2 or N^2.
@@ -153,18 +132,10 @@ def compute_aicc(objective: float, rows: int, unknowns: int, floor: float = 0.0)
         floor: the least J that is more than rounding.
     """
     count = unknowns + 1
-    if rows - count - 1 <= 0:
-        return math.inf
-    return _compute_likelihood(objective, rows, floor) + 2.0 * count * rows / (rows - count - 1)
-
-
-def compute_bic(objective: float, rows: int, unknowns: int, floor: float = 0.0) -> float:
-    """Return BIC; arguments as for `compute_aicc`."""
-    return _compute_likelihood(objective, rows, floor) + (unknowns + 1) * math.log(rows)
-
-
-def _compute_likelihood(objective: float, rows: int, floor: float) -> float:
-    return rows * math.log(max(objective, floor, 1e-300) / rows)
+    likelihood = rows * math.log(max(objective, floor, 1e-300) / rows)
+    spare = rows - count - 1
+    aicc = likelihood + 2.0 * count * rows / spare if spare > 0 else math.inf
+    return aicc, likelihood + count * math.log(rows)
 
 
 _DEPENDENT = 1e-9
@@ -174,7 +145,7 @@ _VANISHED = 1e-30
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Uncertainty:
+class Uncertainty(FrozenArrays):
     """Of all unknowns in the order linear, shape, other, and of the physical parameters.
 
     Args:
@@ -190,11 +161,6 @@ class Uncertainty:
     rank: int
     condition: float
 
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("covariance", "physical", "other"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
-
 
 def compute_sensitivities(
     samples: FrictionSamples,
@@ -203,11 +169,21 @@ def compute_sensitivities(
     shape: Sequence[float] | FloatArray,
 ) -> FloatArray:
     """Return F behind R: (M, p + s + k)."""
-    inputs, values = samples.inputs, [float(value) for value in shape]
-    columns = compute_columns(law, inputs, values)
+    own = compute_law_sensitivities(law, samples.inputs, linear, shape)
+    return samples.pass_columns(np.hstack([own, samples.extra]))
+
+
+def compute_law_sensitivities(
+    law: FrictionLaw,
+    inputs: Mapping[str, FloatArray],
+    linear: Sequence[float] | FloatArray,
+    shape: Sequence[float] | FloatArray,
+) -> FloatArray:
+    """Return the derivatives of a law's torque by (linear, shape): (N, p + s)."""
+    values = [float(value) for value in shape]
     rates = compute_column_derivatives(law, inputs, values)
     sensitivity = np.einsum("nps,p->ns", rates, np.asarray(linear, dtype=np.float64))
-    return samples.pass_columns(np.hstack([columns, sensitivity, samples.extra]))
+    return np.hstack([compute_columns(law, inputs, values), sensitivity])
 
 
 def compute_uncertainty(

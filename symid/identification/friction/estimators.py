@@ -16,8 +16,7 @@ Not supported: several joints at once; naming a law that fits better (`selection
 """
 
 import difflib
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,15 +26,15 @@ from symid.identification.estimators import ParameterEstimate
 from symid.identification.friction.estimate import (
     FrictionEstimate,
     FrictionSearch,
-    SearchOutcome,
     Uncertainty,
-    compute_aicc,
-    compute_bic,
+    compute_criteria,
     compute_sensitivities,
     compute_uncertainty,
 )
 from symid.identification.friction.problem import SPEED_UNITS, FrictionOptions, FrictionProblem, build_problem
 from symid.identification.friction.samples import FrictionSamples, build_friction_rows
+from symid.identification.regression import solve_scaled
+from symid.ipopt import Ending
 from symid.joint_models import (
     FrictionLaw,
     compute_column_derivatives,
@@ -58,14 +57,6 @@ _BUMPS = frozenset({"Fs", "Fsp", "Fsn", "Fls"})
 """What static friction is beyond Coulomb friction."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Motion:
-    """What a motion lacks: the reason, and samples without what only noise added."""
-
-    reason: str
-    samples: FrictionSamples
-
-
 def is_one_sided(velocity: FloatArray) -> bool:
     """Return whether less than one sample in a hundred moves against the rest."""
     forward, backward = int(np.sum(velocity > 0.0)), int(np.sum(velocity < 0.0))
@@ -76,17 +67,18 @@ def list_refusals(
     problem: FrictionProblem, search: FrictionSearch, uncertainty: Uncertainty
 ) -> dict[str, str]:
     """Return the reason for every parameter, of the law and beside it, that gets no number."""
-    law, names = problem.law, _list_names(problem)
+    law, samples = problem.law, problem.samples
+    names = [*(entry.name for entry in law.physical), *samples.extra_names]
     refused: dict[str, str] = {}
-    motion = _assess_motion(problem.samples, build_friction_rows(problem.samples).velocity)
+    lack, moved = _assess_motion(samples, build_friction_rows(samples).velocity)
     told = [uncertainty]
-    if motion.reason:
-        design = compute_sensitivities(motion.samples, law, search.linear, search.shape)
-        told.append(compute_uncertainty(design, law, 1.0, list(problem.is_free == 0.0)))
+    if lack:
+        design = compute_sensitivities(moved, law, search.linear, search.shape)
+        told.append(compute_uncertainty(design, law, 1.0, list(~problem.is_free)))
     for entry in told:
         blind = np.isinf(np.concatenate([entry.physical, entry.other]))
         together = [name for name, lost in zip(names, blind, strict=True) if lost]
-        reason = motion.reason or "their columns depend on each other in these samples"
+        reason = lack or "their columns depend on each other in these samples"
         for name in together:
             others = ", ".join(other for other in together if other != name)
             end = f"it cannot be told apart from {others}" if others else "nothing is seen of it"
@@ -96,41 +88,23 @@ def list_refusals(
     return refused | _refuse_inside(problem, search, refused)
 
 
-def _list_names(problem: FrictionProblem) -> list[str]:
-    return [*(entry.name for entry in problem.law.physical), *problem.samples.extra_names]
-
-
-def _assess_motion(samples: FrictionSamples, rows: FloatArray) -> _Motion:
-    """Return what the motion of the rows, velocities (M,), lacks, the worst first."""
+def _assess_motion(samples: FrictionSamples, rows: FloatArray) -> tuple[str, FrictionSamples]:
+    """Return what the motion of rows, velocities (M,), lacks, and samples without what only noise added."""
     unit = "m/s" if samples.prismatic else "rad/s"
-    velocity, speeds = samples.velocity, np.abs(rows[rows != 0.0])
-    kept = np.ones(len(velocity), dtype=bool)
-    reasons = []
+    speeds, reasons = np.abs(rows[rows != 0.0]), []
+    clean = samples
     if is_one_sided(rows):
         direction = 1.0 if np.sum(rows > 0.0) > np.sum(rows < 0.0) else -1.0
-        kept, speeds = velocity * direction > 0.0, np.abs(rows[rows * direction > 0.0])
+        clean, speeds = samples.take(samples.velocity * direction > 0.0), np.abs(rows[rows * direction > 0.0])
         reasons.append(f"in the {'positive' if direction > 0.0 else 'negative'} direction only")
     if not len(speeds):
-        return _Motion(reason="", samples=samples)
+        return "", samples
     middle = float(np.median(speeds))
     spread = float(np.subtract(*np.quantile(speeds, (0.975, 0.025))))
     if spread <= _ONE_SPEED * middle:
         reasons.append(f"at one speed only, {middle:.3g} {unit}")
-        velocity = np.sign(velocity) * middle
-    if not reasons:
-        return _Motion(reason="", samples=samples)
-    clean = replace(
-        samples,
-        time=samples.time[kept],
-        velocity=velocity[kept],
-        torque=samples.torque[kept],
-        extra=samples.extra[kept],
-        load=None if samples.load is None else samples.load[kept],
-        position=None if samples.position is None else samples.position[kept],
-        run=samples.run[kept] if samples.run is not None else None,
-        reduce=None,
-    )
-    return _Motion(reason=f"the joint moved {' and '.join(reasons)}", samples=clean)
+        clean = replace(clean, velocity=np.sign(clean.velocity) * middle, reduce=None)
+    return (f"the joint moved {' and '.join(reasons)}" if reasons else ""), clean
 
 
 def _refuse_shapes(problem: FrictionProblem, search: FrictionSearch) -> dict[str, str]:
@@ -140,7 +114,9 @@ def _refuse_shapes(problem: FrictionProblem, search: FrictionSearch) -> dict[str
     rates = compute_column_derivatives(law, problem.samples.inputs, [float(value) for value in search.shape])
     size = np.max(np.abs(rates), axis=0, initial=0.0)
     whole = problem.find_columns(search.shape)
-    variance = search.objective / max(len(problem.target) - len(_list_names(problem)), 1)
+    variance = search.objective / max(
+        len(problem.target) - len(law.physical) - len(problem.samples.extra_names), 1
+    )
     unit = "m/s" if problem.samples.prismatic else "rad/s"
     slowest = float(np.min(np.abs(build_friction_rows(problem.samples).velocity)))
     for place, entry in enumerate(law.shape):
@@ -204,9 +180,7 @@ def _is_as_good(
 
     residual = problem.target
     if columns.shape[1]:
-        lengths = np.linalg.norm(columns, axis=0)
-        scaled = columns / np.where(lengths > 0.0, lengths, 1.0)
-        residual = residual - scaled @ np.linalg.lstsq(scaled, residual, rcond=1e-11)[0]
+        residual = residual - columns @ solve_scaled(columns, residual, rcond=1e-11)
     gain = float(residual @ residual) - search.objective
     rounding = 1e-20 * float(problem.target @ problem.target)
     return gain <= float(chdtri(freedom, _CHANCE)) * variance + rounding
@@ -248,7 +222,14 @@ def list_fit_notices(
     if is_one_sided(rows):
         text = "the direction of motion does not change: nothing is known of friction in the other direction"
         notices.append(Notice(code="friction.one-direction", text=text))
-    notices += _warn_of_slow(problem, search, rows)
+    for entry, value in zip(problem.law.shape, search.shape, strict=True):
+        slow = int(np.sum(np.abs(rows) < 2.0 * value))
+        if entry.name == "vs" and slow < _FEW:
+            text = (
+                f"{slow} rows are slower than twice the Stribeck velocity, fewer than {_FEW}: what "
+                "happens at the start of motion rests on them; record slower motions"
+            )
+            notices.append(Notice(code="friction.few-slow", text=text))
     notices += [
         Notice(code="friction.at-bound", text=f"{name} stands {reason}")
         for name, reason in held.items()
@@ -259,18 +240,6 @@ def list_fit_notices(
         text = f"the search did not end by its tolerances but because {search.ended} ({search.outcome.value})"
         notices.append(Notice(code="friction.outcome", text=text))
     return tuple(notices)
-
-
-def _warn_of_slow(problem: FrictionProblem, search: FrictionSearch, rows: FloatArray) -> list[Notice]:
-    for entry, value in zip(problem.law.shape, search.shape, strict=True):
-        slow = int(np.sum(np.abs(rows) < 2.0 * value))
-        if entry.name == "vs" and slow < _FEW:
-            text = (
-                f"{slow} rows are slower than twice the Stribeck velocity, fewer than {_FEW}: what "
-                "happens at the start of motion rests on them; record slower motions"
-            )
-            return [Notice(code="friction.few-slow", text=text)]
-    return []
 
 
 def _warn_of_values(
@@ -399,47 +368,27 @@ def search_friction(
         UsageError: no such estimator, or one that cannot fit this law to these samples.
     """
     check_estimator(estimator)
-    # A law without shape values to search is a linear problem, whatever the estimator.
-    if estimator in STOCHASTIC and generator is None:
-        generator = np.random.default_rng(options.seed)
-    return _load_search(estimator, options)(problem, generator)
+    # Modules of heavy packages are loaded only where they are asked for.
+    if estimator in {"varpro", "root-finding"}:
+        from symid.identification.friction.variable_projection import search_by_projection, search_by_roots
 
+        if estimator == "varpro":
+            return search_by_projection(problem, options.variable_projection)
+        return search_by_roots(problem, options.root_finding)
+    from symid.identification.friction.bounded_search import (
+        search_by_evolution,
+        search_by_nlp,
+        search_by_population,
+    )
 
-Search = Callable[[FrictionProblem, np.random.Generator | None], FrictionSearch]
-
-
-def _load_search(estimator: str, options: FrictionOptions) -> Search:
-    """Return the search; modules of heavy packages are loaded only where they are asked for."""
-    match estimator:
-        case "varpro":
-            from symid.identification.friction.variable_projection import search_by_projection
-
-            return lambda problem, _: search_by_projection(problem, options.variable_projection)
-        case "root-finding":
-            from symid.identification.friction.variable_projection import search_by_roots
-
-            return lambda problem, _: search_by_roots(problem, options.root_finding)
-        case "nlp":
-            from symid.identification.friction.bounded_search import search_by_nlp
-
-            return lambda problem, _: search_by_nlp(problem, options.nlp)
-        case "genetic":
-            from symid.identification.friction.bounded_search import search_by_genes
-
-            return lambda problem, generator: search_by_genes(problem, options.genetic, _expect(generator))
-        case "annealing":
-            from symid.identification.friction.bounded_search import search_by_annealing
-
-            return lambda problem, generator: search_by_annealing(
-                problem, options.annealing, _expect(generator)
-            )
-    from symid.identification.friction.bounded_search import search_by_evolution
-
-    return lambda problem, generator: search_by_evolution(problem, options.evolution, _expect(generator))
-
-
-def _expect(generator: np.random.Generator | None) -> np.random.Generator:
-    return np.random.default_rng(0) if generator is None else generator
+    if estimator == "nlp":
+        return search_by_nlp(problem, options.nlp)
+    generator = np.random.default_rng(options.seed) if generator is None else generator
+    if estimator == "differential-evolution":
+        return search_by_evolution(problem, options.evolution, generator)
+    return search_by_population(
+        problem, options.genetic if estimator == "genetic" else options.annealing, generator
+    )
 
 
 def _build_estimate(problem: FrictionProblem, search: FrictionSearch, estimator: str) -> FrictionEstimate:
@@ -451,15 +400,22 @@ def _build_estimate(problem: FrictionProblem, search: FrictionSearch, estimator:
     told = compute_uncertainty(design, law, search.objective / max(rows - fitted, 1), fixed)
     refused, held = list_refusals(problem, search, told), list_active_bounds(problem, search, told)
     floor = 1e-30 * float(problem.target @ problem.target)
+    aicc, bic = compute_criteria(search.objective, rows, told.rank, floor)
     outcome = search.outcome
-    if refused and outcome in {SearchOutcome.CONVERGED, SearchOutcome.STAGNATED}:
-        outcome = SearchOutcome.SOME_REFUSED
+    if refused and outcome in {Ending.CONVERGED, Ending.STAGNATED}:
+        outcome = Ending.SOME_REFUSED
+    units = samples.extra_units or ("",) * len(samples.extra_names)
+    beside = zip(samples.extra_names, other, told.other, units, strict=True)
     return FrictionEstimate(
         joint=samples.joint,
         law=law.name,
         estimator=estimator,
         parameters=_list_parameters(problem, search, told, refused, held),
-        extra=_list_extra(samples, other, told, refused),
+        extra=tuple(
+            ParameterEstimate(name=name, value=float(value), std=float(std), unit=unit)
+            for name, value, std, unit in beside
+            if name not in refused
+        ),
         refused=tuple(refused.items()),
         linear=tuple(map(float, search.linear)),
         shape=tuple(map(float, search.shape)),
@@ -473,8 +429,8 @@ def _build_estimate(problem: FrictionProblem, search: FrictionSearch, estimator:
         iterations=search.iterations,
         outcome=outcome,
         ended=search.ended,
-        aicc=compute_aicc(search.objective, rows, told.rank, floor),
-        bic=compute_bic(search.objective, rows, told.rank, floor),
+        aicc=aicc,
+        bic=bic,
         condition=told.condition,
         history=search.history,
         settings=search.settings,
@@ -489,10 +445,7 @@ def _solve_other(problem: FrictionProblem, search: FrictionSearch) -> FloatArray
         return np.zeros(0)
     friction = compute_friction_torque(problem.law, samples.inputs, list(search.linear), list(search.shape))
     passed = samples.pass_columns(np.column_stack([samples.torque - friction, samples.extra]))
-    lengths = np.linalg.norm(passed[:, 1:], axis=0)
-    lengths[lengths == 0.0] = 1.0
-    solution: FloatArray = np.linalg.lstsq(passed[:, 1:] / lengths, passed[:, 0], rcond=1e-10)[0] / lengths
-    return solution
+    return solve_scaled(passed[:, 1:], passed[:, 0], rcond=1e-10)
 
 
 def _list_parameters(
@@ -503,7 +456,8 @@ def _list_parameters(
     held: dict[str, str],
 ) -> tuple[ParameterEstimate, ...]:
     law, prismatic = problem.law, problem.samples.prismatic
-    fixed = {entry.name for entry, free in zip(law.shape, problem.is_free, strict=True) if not free}
+    fixed = {entry.name: "fixed" for entry, free in zip(law.shape, problem.is_free, strict=True) if not free}
+    reasons = held | fixed
     values = law.to_physical(list(search.linear), list(search.shape))
     return tuple(
         ParameterEstimate(
@@ -512,19 +466,8 @@ def _list_parameters(
             std=float(std),
             unit=entry.unit_prismatic if prismatic else entry.unit,
             expression=entry.meaning,
-            reason="fixed" if entry.name in fixed else held.get(entry.name, ""),
+            reason=reasons.get(entry.name, ""),
         )
         for entry, value, std in zip(law.physical, values, told.physical, strict=True)
         if entry.name not in refused
-    )
-
-
-def _list_extra(
-    samples: FrictionSamples, other: FloatArray, told: Uncertainty, refused: dict[str, str]
-) -> tuple[ParameterEstimate, ...]:
-    units = samples.extra_units or ("",) * len(samples.extra_names)
-    return tuple(
-        ParameterEstimate(name=name, value=float(value), std=float(std), unit=unit)
-        for name, value, std, unit in zip(samples.extra_names, other, told.other, units, strict=True)
-        if name not in refused
     )

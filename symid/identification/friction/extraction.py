@@ -1,8 +1,5 @@
 """From recordings to the friction torque of one joint: the torque without what moves and holds its links.
 
-Functions of the robot, recordings, processing -> JointLogs (filtered states) -> FrictionSamples, joint by
-joint.
-
     tau = Y_j(q, dq, ddq) beta + friction of others + tau_f(dq)
 
 The rigid part is fitted with friction: the columns of Y_j that these motions tell apart, or J ddq + a sin
@@ -17,7 +14,7 @@ Not supported: elastic joints; other joints' friction that is not linear in its 
 period; motions that drift (positions that differ by more than a tenth of their range are refused).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,7 +28,7 @@ from symid.identification.friction.samples import (
     build_reduction,
     select_friction_rows,
 )
-from symid.identification.regression import hold_resting_joints, list_resting_joints
+from symid.identification.regression import check_joints, hold_resting_joints, list_resting_joints
 from symid.logs import Recording, Signals, choose_processing, prepare_signals
 from symid.robot import Processing
 
@@ -44,29 +41,8 @@ _WRONG = 0.1
 """The same where periods have nothing in common: their mean is no motion."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FoldedRecording:
-    """The mean period of a recording, with a margin of itself on either side.
-
-    Args:
-        recording: margin, n samples that are meant to be used, margin.
-        samples: n, of one period.
-        periods: how many were averaged.
-        scatter: (joints,) standard deviation of the torque of one period about the mean, N m or N.
-    """
-
-    recording: Recording
-    samples: int
-    periods: int
-    scatter: FloatArray
-
-    def __post_init__(self) -> None:
-        """Copy the array and make it read-only."""
-        object.__setattr__(self, "scatter", freeze(self.scatter))
-
-
-def fold_recording(recording: Recording, period: float, *, margin: int | None = None) -> FoldedRecording:
-    """Return the mean over all whole periods.
+def fold_recording(recording: Recording, period: float, *, margin: int | None = None) -> Recording:
+    """Return the mean over all whole periods, with a margin of itself on either side.
 
     Args:
         recording: sampled evenly.
@@ -86,35 +62,28 @@ def fold_recording(recording: Recording, period: float, *, margin: int | None = 
             f"needs {_LEAST_SAMPLES} samples and 2 periods at least"
         )
         raise LogError(Notice(code="log.period", text=text, file=recording.source))
-    whole = np.stack(
-        [
-            _cut_periods(values, recording.time, period, (periods, samples), degree=degree)
-            for values, degree in ((recording.position, 3), (recording.torque, 1))
-        ]
+    position, torque = (
+        _cut_periods(values, recording.time, period, (periods, samples), degree=degree)
+        for values, degree in ((recording.position, 3), (recording.torque, 1))
     )
-    mean = whole.mean(axis=1)
     margin = samples if margin is None else margin
     places = np.arange(-margin, samples + margin)
-    position, torque = (part[places % samples] for part in mean)
-    free = periods / (periods - 1)
-    scatter = np.sqrt(free * np.mean((whole[1] - mean[1]) ** 2, axis=(0, 1)))
     text = f"{periods} periods of {period:g} s were averaged, as --period asks"
     notices = (
         Notice(code="log.folded", text=text, file=recording.source),
-        *_warn_of_drift(whole[0], recording),
+        *_warn_of_drift(position, recording),
     )
-    folded = replace(
+    return replace(
         recording,
         time=recording.time[0] + np.arange(len(places)) * period / samples,
-        position=position,
-        torque=torque,
+        position=position.mean(axis=0)[places % samples],
+        torque=torque.mean(axis=0)[places % samples],
         velocity=None,
         motor_position=None,
         link_position=None,
         extras={},
         notices=(*recording.notices, *notices),
     )
-    return FoldedRecording(recording=folded, samples=samples, periods=periods, scatter=scatter)
 
 
 def _cut_periods(
@@ -178,51 +147,51 @@ class RigidColumns:
     names: tuple[str, ...]
     units: tuple[str, ...]
 
-    def keep(self, index: Sequence[int]) -> "RigidColumns":
-        """Return the columns of these numbers."""
-        return RigidColumns(
-            columns=self.columns[:, list(index)],
-            names=tuple(self.names[k] for k in index),
-            units=tuple(self.units[k] for k in index),
-        )
+    @classmethod
+    def build(cls, columns: FloatArray, entries: Iterable[tuple[str, str]]) -> "RigidColumns":
+        """Return columns (N, k) with a name and a unit of each."""
+        names, units = zip(*entries, strict=True) if columns.shape[1] else ((), ())
+        return cls(columns=columns, names=names, units=units)
+
+    def keep_independent(self) -> "RigidColumns":
+        """Return the columns that are no combination of those before them."""
+        index = list_independent(self.columns)
+        return RigidColumns.build(self.columns[:, index], ((self.names[k], self.units[k]) for k in index))
 
 
 def build_rigid_columns(library: Library, parts: Sequence[Signals], joint: int) -> RigidColumns:
     """Return the joint's row of the torque regressor."""
     rows = [library.evaluate("torque_regressor", part.q, part.dq, part.ddq)[0][:, joint] for part in parts]
-    beta = library.card.beta
-    return RigidColumns(
-        columns=np.vstack(rows),
-        names=tuple(entry.name for entry in beta),
-        units=tuple(entry.unit for entry in beta),
-    )
+    return RigidColumns.build(np.vstack(rows), ((entry.name, entry.unit) for entry in library.card.beta))
 
 
-def build_other_columns(library: Library, parts: Sequence[Signals], joint: int) -> RigidColumns:
+def _build_other_columns(library: Library, parts: Sequence[Signals], joint: int) -> RigidColumns:
     """Return columns of friction that is not the joint's own and acts on it nevertheless."""
-    cards = library.card.friction
-    own = library.card.joints[joint].name
+    own, cards = library.card.joints[joint].name, library.card.friction
     index = [k for k, entry in enumerate(cards) if entry.joint != own]
     if not index:
-        count = sum(len(part.time) for part in parts)
-        return RigidColumns(columns=np.empty((count, 0)), names=(), units=())
-    rows = [library.evaluate("friction_regressor", part.dq)[0][:, joint] for part in parts]
-    columns = RigidColumns(
-        columns=np.vstack(rows)[:, index],
-        names=tuple(cards[k].name for k in index),
-        units=tuple(cards[k].unit for k in index),
-    )
-    return columns.keep(list_independent(columns.columns))
+        return RigidColumns.build(np.empty((sum(len(part.time) for part in parts), 0)), ())
+    rows = np.vstack([library.evaluate("friction_regressor", part.dq)[0][:, joint] for part in parts])
+    return RigidColumns.build(
+        rows[:, index], ((cards[k].name, cards[k].unit) for k in index)
+    ).keep_independent()
 
 
-def reduce_columns(
+def _reduce_columns(
     rigid: RigidColumns, angle: FloatArray, acceleration: FloatArray, card: JointCard
 ) -> tuple[RigidColumns, str]:
     """Return the columns that these motions tell apart, and a sentence on them."""
     physical = _name_physical(rigid.columns, angle, acceleration, card)
-    chosen = rigid if physical is None else physical
-    chosen = chosen.keep(list_independent(chosen.columns))
-    return chosen, _describe_rigid(chosen.names, physical=physical is not None)
+    chosen = (physical or rigid).keep_independent()
+    if not chosen.names:
+        return chosen, "no rigid part acts on this joint in these motions"
+    if physical is not None:
+        terms = {"J": "J ddq", "a": "a sin q", "b": "b cos q"}
+        return chosen, f"the rigid part {' + '.join(terms[name] for name in chosen.names)} was fitted along"
+    return chosen, (
+        f"a rigid part of {len(chosen.names)} columns was fitted along; each stands for those that these "
+        "motions do not tell apart from it"
+    )
 
 
 def list_independent(columns: FloatArray, limit: float = _DEPENDENT) -> list[int]:
@@ -269,36 +238,10 @@ def _name_physical(
     columns = np.column_stack([np.empty((len(angle), 0)), *(entry[1] for entry in inside)])
     if len(list_independent(columns)) != len(independent):
         return None
-    names, units = (tuple(str(entry[place]) for entry in inside) for place in (0, 2))
-    return RigidColumns(columns=columns, names=names, units=units)
+    return RigidColumns.build(columns, ((name, unit) for name, _, unit in inside))
 
 
-def warn_of_many(joint: str, columns: int) -> tuple[Notice, ...]:
-    """Return a notice where a rigid part has so many columns that it passes for friction."""
-    if columns <= _MANY:
-        return ()
-    text = (
-        f"joint {joint!r}: {columns} columns of a rigid part were fitted along, which can pass for friction; "
-        "move one joint at a time, or identify the base parameters of all joints first and give them with "
-        "--known"
-    )
-    return (Notice(code="friction.many-columns", text=text),)
-
-
-def _describe_rigid(names: Sequence[str], *, physical: bool) -> str:
-    """Return how the rigid part was treated."""
-    if not names:
-        return "no rigid part acts on this joint in these motions"
-    if physical:
-        terms = {"J": "J ddq", "a": "a sin q", "b": "b cos q"}
-        return f"the rigid part {' + '.join(terms[name] for name in names)} was fitted along"
-    return (
-        f"a rigid part of {len(names)} columns was fitted along; each stands for those that these motions do "
-        "not tell apart from it"
-    )
-
-
-def estimate_load(rigid: FloatArray, velocity: FloatArray, torque: FloatArray) -> FloatArray | None:
+def _estimate_load(rigid: FloatArray, velocity: FloatArray, torque: FloatArray) -> FloatArray | None:
     """Return the torque of the links (N,), by a fit with plain Coulomb, viscous and constant friction.
 
     None where it explains too little of the torque to be known: noise would pass for a load.
@@ -309,11 +252,8 @@ def estimate_load(rigid: FloatArray, velocity: FloatArray, torque: FloatArray) -
     columns = np.hstack([rigid, friction])
     solution = np.linalg.lstsq(columns, torque, rcond=None)[0]
     alone = np.linalg.lstsq(friction, torque, rcond=None)[0]
-    left, without = (
-        float(np.sum((torque - matrix @ values) ** 2))
-        for matrix, values in ((columns, solution), (friction, alone))
-    )
-    if left > _LOADED * without:
+    left, without = torque - columns @ solution, torque - friction @ alone
+    if float(np.sum(left**2)) > _LOADED * float(np.sum(without**2)):
         return None
     return freeze(rigid @ solution[: rigid.shape[1]])
 
@@ -381,7 +321,7 @@ def prepare_joint_logs(
         LogError: a recording has another number of joints than the robot, or cannot be filtered.
         IdentifiabilityError: no joint moves in any of them.
     """
-    _check_joints(library, recordings)
+    check_joints(library, recordings)
     processing = choose_processing(processing, recordings[0].period)
     resting = tuple(map(list_resting_joints, recordings))
     if all(len(still) == library.card.size for still in resting):
@@ -401,23 +341,6 @@ def prepare_joint_logs(
         sources=tuple(recording.source for recording in recordings),
         processing=processing,
     )
-
-
-def _check_joints(library: Library, recordings: Sequence[Recording]) -> None:
-    expected = library.card.size
-    wrong = [entry for entry in recordings if entry.position.shape[1] != expected]
-    if wrong:
-        text = "the log has {} joints, the robot {!r} has {}"
-        raise LogError(
-            *(
-                Notice(
-                    code="log.joints",
-                    text=text.format(entry.position.shape[1], library.card.robot, expected),
-                    file=entry.source,
-                )
-                for entry in wrong
-            )
-        )
 
 
 def _list_carried(library: Library, signals: Signals) -> tuple[int, ...]:
@@ -452,22 +375,31 @@ def extract_joint(
         IdentifiabilityError: no recording moves the joint, or no row is left.
     """
     card = library.card.joints[joint]
-    chosen = _choose_runs(logs, card, joint, runs)
+    chosen = logs.find_moving(joint) if runs is None else tuple(runs)
+    if not chosen:
+        text = f"joint {card.name!r} moves in none of these logs: nothing shows its friction"
+        if any(joint in entry for entry in logs.carried):
+            text = (
+                f"joint {card.name!r} is only shaken by the motion of others, at less than "
+                f"{100 * _CARRIED:g} % of their speed: there it sticks and slips, and no law of the speed "
+                "shows; move it by itself"
+            )
+        raise IdentifiabilityError(Notice(code="friction.at-rest", text=text))
     parts = [logs.signals[k] for k in chosen]
     angle, acceleration, velocity, torque = (
         np.concatenate([getattr(part, name)[:, joint] for part in parts])
         for name in ("q", "ddq", "dq", "tau")
     )
     rigid = build_rigid_columns(library, parts, joint)
-    others = build_other_columns(library, parts, joint)
+    others = _build_other_columns(library, parts, joint)
     if beta is not None:
         load: FloatArray | None = rigid.columns @ beta
         torque = torque - load
         sentence = "the rigid part was subtracted, with the base parameters given"
         fitted = others
     else:
-        rigid, sentence = reduce_columns(rigid, angle, acceleration, card)
-        load = estimate_load(rigid.columns, velocity, torque)
+        rigid, sentence = _reduce_columns(rigid, angle, acceleration, card)
+        load = _estimate_load(rigid.columns, velocity, torque)
         fitted = RigidColumns(
             columns=np.hstack([rigid.columns, others.columns]),
             names=rigid.names + others.names,
@@ -488,29 +420,14 @@ def extract_joint(
         prismatic=card.kind == "prismatic",
     )
     samples, notices = _leave_out_slow(samples, logs.processing.standstill)
-    if beta is None:
-        notices += warn_of_many(card.name, len(rigid.names))
+    if beta is None and len(rigid.names) > _MANY:
+        text = (
+            f"joint {card.name!r}: {len(rigid.names)} columns of a rigid part were fitted along, which can "
+            "pass for friction; move one joint at a time, or identify the base parameters of all joints "
+            "first and give them with --known"
+        )
+        notices += (Notice(code="friction.many-columns", text=text),)
     return ExtractedJoint(samples=samples, rigid=sentence, notices=notices)
-
-
-def _choose_runs(logs: JointLogs, card: JointCard, joint: int, runs: Sequence[int] | None) -> tuple[int, ...]:
-    """Return which recordings are used.
-
-    Raises:
-        IdentifiabilityError: none.
-    """
-    chosen = logs.find_moving(joint) if runs is None else tuple(runs)
-    if not chosen:
-        carried = any(joint in entry for entry in logs.carried)
-        text = f"joint {card.name!r} moves in none of these logs: nothing shows its friction"
-        if carried:
-            text = (
-                f"joint {card.name!r} is only shaken by the motion of others, at less than "
-                f"{100 * _CARRIED:g} % of their speed: there it sticks and slips, and no law of the speed "
-                "shows; move it by itself"
-            )
-        raise IdentifiabilityError(Notice(code="friction.at-rest", text=text))
-    return chosen
 
 
 def _leave_out_slow(

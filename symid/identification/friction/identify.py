@@ -12,7 +12,7 @@ Not supported: elastic joints; friction with a state (`presliding`).
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from symid.codegen import Library
 from symid.errors import IdentifiabilityError, Notice, UsageError
 from symid.identification.estimators import Residual
 from symid.identification.friction.estimate import FrictionEstimate
-from symid.identification.friction.estimators import STOCHASTIC, check_estimator, fit_friction
+from symid.identification.friction.estimators import check_estimator, fit_friction
 from symid.identification.friction.extraction import (
     ExtractedJoint,
     JointLogs,
@@ -37,6 +37,7 @@ from symid.identification.friction.selection import CANDIDATE_LAWS, LawSelection
 from symid.joint_models import FrictionLaw, compute_columns, get_law
 from symid.logs import Recording, cut_ends
 from symid.robot import Processing
+from symid.serialization import write_json
 
 AUTO = "auto"
 """The name under which a law is chosen on what was held back."""
@@ -111,12 +112,30 @@ def identify_friction(
             refused.append((card.name, "; ".join(entry.text for entry in error.notices)))
             continue
         joints.append(found)
-        notices += _warn_of_poses(found)
-        notices += (*extracted.notices, *(_name_joint(entry, card.name) for entry in found.estimate.notices))
+        notices += tuple(
+            Notice(
+                code="friction.pose-skipped", text=f"{held}: left out of the comparison of poses: {reason}"
+            )
+            for held, reason in (found.poses.skipped if found.poses else ())
+        )
+        notices += extracted.notices
+        notices += tuple(
+            replace(entry, text=f"joint {card.name!r}: {entry.text}") for entry in found.estimate.notices
+        )
     _check_identified(joints, refused, [entry for entry in notices if entry.code == _NOT_PERIODIC])
     notices += tuple(
         Notice(code="friction.joint-refused", text=f"no friction law: {reason}") for _, reason in refused
     )
+    settings = {
+        **(echo or {}),
+        "processing": logs.processing,
+        "model": task.model,
+        "estimator": task.estimator,
+        "smoothing": task.smoothing,
+        "period": task.periods or None,
+        "rigid": "fitted along" if task.beta is None else "known",
+        "seed": task.options.seed,
+    }
     return FrictionIdentification(
         robot=library.card.robot,
         signature=library.card.signature,
@@ -125,7 +144,8 @@ def identify_friction(
         joints=tuple(joints),
         refused=tuple(refused),
         sources=tuple(recording.source for recording in recordings),
-        settings=_echo(task, logs, echo or {}),
+        # As JSON gives them back, so that a stored result equals its origin.
+        settings=json.loads(write_json(settings)),
         notices=tuple(dict.fromkeys(notices)),
     )
 
@@ -154,18 +174,12 @@ def _fold(
     cut = [cut_ends(entry, processing.drop_first, processing.drop_last) for entry in recordings]
     each = periods if len(periods) == len(cut) else [periods[0]] * len(cut)
     margin = max(round(period / entry.period) for entry, period in zip(cut, each, strict=True))
-    folded = [fold_recording(entry, period, margin=margin) for entry, period in zip(cut, each, strict=True)]
-    notices = tuple(
-        notice
-        for entry in folded
-        for notice in entry.recording.notices
-        if notice.code in {"log.folded", _NOT_PERIODIC}
+    folded = tuple(
+        fold_recording(entry, period, margin=margin) for entry, period in zip(cut, each, strict=True)
     )
-    return (
-        tuple(entry.recording for entry in folded),
-        replace(processing, drop_first=margin, drop_last=margin),
-        notices,
-    )
+    codes = {"log.folded", _NOT_PERIODIC}
+    notices = tuple(notice for entry in folded for notice in entry.notices if notice.code in codes)
+    return folded, replace(processing, drop_first=margin, drop_last=margin), notices
 
 
 def _identify_joint(
@@ -176,20 +190,28 @@ def _identify_joint(
     name = task.model
     if name == AUTO:
         selection = select_law(
-            samples, task.candidates, smoothing=task.smoothing, options=_drop_bounds(task.options)
+            samples,
+            task.candidates,
+            smoothing=task.smoothing,
+            # Bounds by name hold for one law.
+            options=replace(task.options, bounds=()),
         )
         name = selection.chosen
     law = get_law(name, smoothing=task.smoothing)
     check_inputs(samples, law)
-    generator = np.random.default_rng(task.options.seed) if task.estimator in STOCHASTIC else None
-    estimate = fit_friction(samples, law, estimator=task.estimator, options=task.options, generator=generator)
-    residual = _compute_residual(samples, law, estimate, card.torque_unit)
-    warnings = (
-        *warn_of_friction_pattern(samples, law, estimate),
-        *warn_of_inertia(estimate),
-        *_warn_of_rest(residual),
-        *_warn_of_smoothing(law),
-    )
+    estimate = fit_friction(samples, law, estimator=task.estimator, options=task.options)
+    torque = build_friction_rows(samples).torque
+    left = torque - predict_rows(samples, law, estimate)
+    residual = Residual.measure(samples.joint, left, torque, card.torque_unit, estimate.sigma)
+    warnings = [*warn_of_friction_pattern(samples, law, estimate), *warn_of_inertia(estimate)]
+    if residual.relative_percent > _MUCH:
+        text = (
+            f"law and rigid part leave {residual.relative_percent:.3g} % of the torque unexplained: check "
+            "units (radians, not degrees; torque of the joint, not of the motor), columns and signs of the "
+            "log, and whether torque and position were taken at the same times"
+        )
+        warnings.append(Notice(code="friction.unexplained", text=text))
+    warnings += _warn_of_smoothing(law)
     estimate = replace(estimate, notices=(*estimate.notices, *warnings))
     runs = logs.find_moving(joint)
     return JointFriction(
@@ -205,11 +227,6 @@ def _identify_joint(
         velocity_map=compute_velocity_map(samples, estimate.other),
         sources=tuple(logs.sources[run] for run in runs),
     )
-
-
-def _drop_bounds(options: FrictionOptions) -> FrictionOptions:
-    """Return the options for laws of all kinds: bounds by name hold for one law."""
-    return replace(options, bounds=())
 
 
 def check_inputs(samples: FrictionSamples, law: FrictionLaw) -> None:
@@ -257,47 +274,6 @@ def warn_of_inertia(estimate: FrictionEstimate) -> tuple[Notice, ...]:
     return (Notice(code="friction.negative-inertia", text=f"{size}: {reason}"),)
 
 
-def _warn_of_rest(residual: Residual) -> tuple[Notice, ...]:
-    """Return a notice where most of the torque stays unexplained."""
-    if residual.relative_percent <= _MUCH:
-        return ()
-    text = (
-        f"law and rigid part leave {residual.relative_percent:.3g} % of the torque unexplained: check units "
-        "(radians, not degrees; torque of the joint, not of the motor), columns and signs of the log, and "
-        "whether torque and position were taken at the same times"
-    )
-    return (Notice(code="friction.unexplained", text=text),)
-
-
-def _warn_of_poses(found: JointFriction) -> tuple[Notice, ...]:
-    """Return a notice for every pose that could not be fitted."""
-    skipped = () if found.poses is None else found.poses.skipped
-    return tuple(
-        Notice(code="friction.pose-skipped", text=f"{sources}: left out of the comparison of poses: {reason}")
-        for sources, reason in skipped
-    )
-
-
-def _compute_residual(
-    samples: FrictionSamples, law: FrictionLaw, estimate: FrictionEstimate, unit: str
-) -> Residual:
-    rows = build_friction_rows(samples)
-    norm = float(np.linalg.norm(rows.torque - predict_rows(samples, law, estimate)))
-    whole = float(np.linalg.norm(rows.torque))
-    return Residual(
-        joint=samples.joint,
-        norm=norm,
-        relative_percent=100.0 * norm / whole if whole else float("inf"),
-        std=estimate.sigma,
-        samples=len(rows.torque),
-        unit=unit,
-    )
-
-
-def _name_joint(notice: Notice, joint: str) -> Notice:
-    return replace(notice, text=f"joint {joint!r}: {notice.text}")
-
-
 def _check_identified(
     joints: Sequence[JointFriction], refused: Sequence[tuple[str, str]], doubts: Sequence[Notice]
 ) -> None:
@@ -313,19 +289,3 @@ def _check_identified(
         told = "; ".join(f"{name}: {reason}" for name, reason in entry.estimate.refused)
         reasons.append(f"joint {entry.joint!r}, law {entry.estimate.law}: {told}")
     raise IdentifiabilityError(*(Notice(code="friction.nothing", text=text) for text in reasons), *doubts)
-
-
-def _echo(task: FrictionTask, logs: JointLogs, echo: Mapping[str, object]) -> Mapping[str, object]:
-    """Return the settings as JSON would give them back, so that a stored result equals its origin."""
-    settings = {
-        **echo,
-        "processing": asdict(logs.processing),
-        "model": task.model,
-        "estimator": task.estimator,
-        "smoothing": task.smoothing,
-        "period": list(task.periods) or None,
-        "rigid": "fitted along" if task.beta is None else "known",
-        "seed": task.options.seed,
-    }
-    plain: dict[str, object] = json.loads(json.dumps(settings))
-    return plain

@@ -1,8 +1,5 @@
 """Output error of one axis: mass, friction and other forces that make its simulated motion the measured one.
 
-AxisModel, force at every sample -> positions, velocities, their derivatives; AxisRun, AxisModel ->
-OutputErrorFit.
-
     M dv/dt = u - Phi(v, x, u; s) c,    dx/dt = v,    u constant between samples
     min over values of  sum over windows, sum over k > 20 of (x(k; values) - x_measured(k))^2
 
@@ -11,12 +8,16 @@ changes its sign: x and v follow from (exp(z) - 1) / z and its integral, the mom
 logarithm. Friction that is linear in the velocity by direction is exact to rounding; other laws to the
 third power of the step. At rest the axis stays as long as the force lies between the friction on its two
 sides. A window is simulated without feedback from a parabola through its first 20 samples. The error of a
-long run has many dips, one for every moment of rest: values found with short windows are a good start for
+long run has many dips, one for every moment of rest: values fitted in short windows are the start for
 long ones.
 
+Models are compared on blocks of the run: the errors of one block do not count while a model is fitted to
+the whole run, and then say how well it predicts. Of all models within one standard error of the best, the
+one with the fewest values is taken (Breiman, Friedman, Olshen and Stone 1984).
+
 Supported: every static law, with offset, drift of the offset, a spring, and dry friction that changes
-with the position; derivatives of the steps, moments of rest included; one run, cut into windows of any
-length.
+with the position (`AXIS_TERMS`); derivatives of the steps, moments of rest included; one run, cut into
+windows of any length.
 Not supported: laws whose slope at standstill is infinite (power law, exponent below one); elastic drives;
 standard deviations, for errors of a simulated position are nothing like independent.
 """
@@ -25,20 +26,17 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, freeze_fields
 from symid.errors import LogError, Notice, UsageError
-from symid.joint_models import (
-    FrictionCarrier,
-    FrictionLaw,
-    LawParameter,
-    OperatorFriction,
-    build_numpy_carrier,
-)
+from symid.identification.friction.samples import FrictionSamples, build_reduction
+from symid.identification.regression import solve_scaled
+from symid.joint_models import Carrier, FrictionLaw, LawParameter, build_casadi_carrier, build_numpy_carrier
+from symid.logs import Recording, differentiate, low_pass, prepare_signals
+from symid.robot import Processing
 
 V = TypeVar("V")
 
@@ -48,60 +46,41 @@ _SERIES_FIRST = 1e-4
 _SERIES_SECOND = 2e-2
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class AxisTerm:
     """A force beside the law, linear in one parameter: its column from velocity, position and time."""
 
     parameter: LawParameter
-    column: Callable[[FrictionCarrier[V], Mapping[str, V]], V]
+    column: Callable[[Carrier[V], Mapping[str, V]], V]
 
 
-def _build_term(
-    name: str, latex: str, unit: tuple[str, str], meaning: str, column: Callable[..., Any]
-) -> AxisTerm:
-    parameter = LawParameter(name=name, latex=latex, unit=unit[0], unit_prismatic=unit[1], meaning=meaning)
-    return AxisTerm(parameter=parameter, column=column)
-
-
-def _compute_slope(carrier: FrictionCarrier[V], inputs: Mapping[str, V]) -> V:
+def _compute_slope(carrier: Carrier[V], inputs: Mapping[str, V]) -> V:
     return carrier.mul(carrier.sign(inputs["velocity"]), inputs["position"])
 
 
-def _compute_bend(carrier: FrictionCarrier[V], inputs: Mapping[str, V]) -> V:
+def _compute_bend(carrier: Carrier[V], inputs: Mapping[str, V]) -> V:
     return carrier.mul(_compute_slope(carrier, inputs), inputs["position"])
 
 
-AXIS_TERMS: dict[str, AxisTerm] = {
-    term.parameter.name: term
-    for term in (
-        _build_term(
-            "offset", r"\tau_0", ("N m", "N"), "constant force", lambda carrier, _inputs: carrier.one
+_TERMS: tuple[tuple[str, str, str, str, Callable[[Any, Mapping[str, Any]], Any]], ...] = (
+    ("offset", r"\tau_0", "N m", "constant force", lambda carrier, _: carrier.one),
+    ("drift", r"\dot\tau_0", "N m/s", "change of the offset with time", lambda _, inputs: inputs["time"]),
+    ("spring", "k", "N m/rad", "force in proportion to the position", lambda _, inputs: inputs["position"]),
+    ("slope", "F_{C1}", "N m/rad", "change of dry friction with the position", _compute_slope),
+    ("bend", "F_{C2}", "N m/rad^2", "change of dry friction with the square of the position", _compute_bend),
+)
+AXIS_TERMS = {
+    name: AxisTerm(
+        LawParameter(
+            name=name,
+            latex=latex,
+            unit=unit,
+            unit_prismatic=unit.replace("N m", "N").replace("rad", "m"),
+            meaning=meaning,
         ),
-        _build_term(
-            "drift",
-            r"\dot\tau_0",
-            ("N m/s", "N/s"),
-            "change of the offset with time",
-            lambda _carrier, inputs: inputs["time"],
-        ),
-        _build_term(
-            "spring",
-            "k",
-            ("N m/rad", "N/m"),
-            "force in proportion to the position",
-            lambda _carrier, inputs: inputs["position"],
-        ),
-        _build_term(
-            "slope", "F_{C1}", ("N m/rad", "N/m"), "change of dry friction with the position", _compute_slope
-        ),
-        _build_term(
-            "bend",
-            "F_{C2}",
-            ("N m/rad^2", "N/m^2"),
-            "change of dry friction with the square of the position",
-            _compute_bend,
-        ),
+        column,
     )
+    for name, latex, unit, meaning, column in _TERMS
 }
 
 
@@ -161,7 +140,7 @@ def compute_axis_terms(terms: Sequence[str], inputs: Mapping[str, FloatArray]) -
 
 
 def _list_columns(
-    model: AxisModel, carrier: FrictionCarrier[V], inputs: Mapping[str, V], shape: Sequence[V]
+    model: AxisModel, carrier: Carrier[V], inputs: Mapping[str, V], shape: Sequence[V]
 ) -> tuple[V, ...]:
     beside = (AXIS_TERMS[name].column(carrier, inputs) for name in model.terms)
     return (*model.law.columns(carrier, inputs, shape), *beside)
@@ -175,8 +154,9 @@ def simulate_axis(
     start: tuple[float, float, float],
     *,
     substeps: int = 1,
-) -> tuple[FloatArray, FloatArray]:
-    """Return positions and velocities (N,) at the samples of a force.
+    rates: bool = False,
+) -> FloatArray:
+    """Return positions and velocities at the samples of a force, and their derivatives: (2, N) or more.
 
     Args:
         model: of the axis.
@@ -185,43 +165,21 @@ def simulate_axis(
         period: of the samples in s.
         start: position, velocity and time at the first sample.
         substeps: of each period; one is exact for laws that are linear by direction.
+        rates: whether exact derivatives by the values are added: p rows of dx/dvalues, p of dv/dvalues.
     """
-    state = np.array(start[:2])
-    if len(force) == 1:
-        return state[:1].copy(), state[1:].copy()
-    run = _build_run(model, len(force) - 1, period, substeps, rates=False)
-    found = np.asarray(run(state, _build_inputs(force, period, start[2]), values))
-    return np.concatenate([state[:1], found[0]]), np.concatenate([state[1:], found[1]])
-
-
-def compute_axis_rates(
-    model: AxisModel, values: FloatArray, force: FloatArray, period: float, start: tuple[float, float, float]
-) -> tuple[FloatArray, FloatArray]:
-    """Return positions (N,) and their exact derivatives (N, p) by the values; see `simulate_axis`."""
-    count = len(values)
-    state = np.zeros(2 * (1 + count))
+    state = np.zeros(2 * (1 + len(values)) if rates else 2)
     state[:2] = start[:2]
-    rates = np.zeros((len(force), count))
     if len(force) == 1:
-        return state[:1].copy(), rates
-    run = _build_run(model, len(force) - 1, period, 1, rates=True)
-    found = np.asarray(run(state, _build_inputs(force, period, start[2]), values))
-    rates[1:] = found[2 : 2 + count].T
-    return np.concatenate([state[:1], found[0]]), rates
-
-
-def _build_inputs(force: FloatArray, period: float, start: float) -> FloatArray:
-    return np.vstack([force[:-1], start + period * np.arange(len(force) - 1)])
+        return state[:, None]
+    inputs = np.vstack([force[:-1], start[2] + period * np.arange(len(force) - 1)])
+    run = _build_run(model, len(inputs[0]), period, substeps, rates=rates)
+    return np.column_stack([state, np.asarray(run(state, inputs, values))])
 
 
 @lru_cache(maxsize=64)
 def _build_run(model: AxisModel, steps: int, period: float, substeps: int, *, rates: bool) -> Any:  # noqa: ANN401  # a function of casadi
-    """Return (state, inputs (2, steps), values) -> states (., steps); with `rates`, derivatives behind them.
-
-    The state is (x, v), then dx/dvalues, then dv/dvalues.
-    """
-    step = _build_step(model, period, substeps, rates=rates)
-    return step.mapaccum("run", steps)
+    """Return (state, inputs (2, steps), values) -> states (., steps) of `simulate_axis`."""
+    return _build_step(model, period, substeps, rates=rates).mapaccum("run", steps)
 
 
 @lru_cache(maxsize=64)
@@ -246,28 +204,11 @@ def _build_step(model: AxisModel, period: float, substeps: int, *, rates: bool) 
     return casadi.Function("step", [whole, inputs, values], [casadi.densify(result)], {"cse": True})
 
 
-def _build_carrier() -> OperatorFriction[Any]:
-    import casadi
-
-    return OperatorFriction(
-        zero=casadi.SX(0.0),
-        one=casadi.SX(1.0),
-        exp=casadi.exp,
-        tanh=casadi.tanh,
-        sin=casadi.sin,
-        cos=casadi.cos,
-        sign=casadi.sign,
-        absolute=casadi.fabs,
-        maximum=casadi.fmax,
-        minimum=casadi.fmin,
-    )
-
-
 def _build_friction(model: AxisModel) -> Any:  # noqa: ANN401  # a function of casadi
     """Return (v, x, u, t, values) -> all that brakes, and its derivative by v."""
     import casadi
 
-    carrier = _build_carrier()
+    carrier = build_casadi_carrier()
     names = ("velocity", "position", "load", "time")
     inputs = {name: casadi.SX.sym(name) for name in names}
     values = casadi.SX.sym("p", len(model.parameters))
@@ -356,6 +297,10 @@ _WORST = 1e3
 """Error in m or rad that stands for a simulation that left all bounds."""
 
 
+AxisStates = tuple[FloatArray, FloatArray, FloatArray]
+"""Position, velocity and acceleration (N,) at the samples of a run."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AxisRun:
     """A recording of one axis.
@@ -376,19 +321,17 @@ class AxisRun:
         Raises:
             LogError: arrays of different length, fewer than 40 samples, numbers that are not finite.
         """
-        for name in ("position", "force"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
-        sizes = (self.position.shape, self.force.shape)
+        freeze_fields(self)
+        sizes, text = (self.position.shape, self.force.shape), ""
         if sizes[0] != sizes[1] or len(sizes[0]) != 1 or sizes[0][0] < _FEWEST:
             text = f"position {sizes[0]} and force {sizes[1]} must be alike, {_FEWEST} samples or more each"
-            raise LogError(Notice(code="friction.axis-run", text=text))
-        if not (np.all(np.isfinite(self.position)) and np.all(np.isfinite(self.force))):
+        elif not (np.all(np.isfinite(self.position)) and np.all(np.isfinite(self.force))):
             text = "position and force must be finite numbers throughout"
+        if text:
             raise LogError(Notice(code="friction.axis-run", text=text))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, order=True)
-class Window:
+class Window(NamedTuple):
     """Samples first .. last - 1 of a run."""
 
     first: int
@@ -447,57 +390,46 @@ def compute_output_error(
 
     Samples of `left_out` are simulated, but their errors are not among those returned.
     """
-    errors = []
-    for window in windows:
-        force = run.force[window.first + GIVEN - 1 : window.last]
-        position, _ = simulate_axis(model, values, force, run.period, estimate_axis_start(run, window.first))
-        error = position[1:] - run.position[window.first + GIVEN : window.last]
-        errors.append(error[_mask_counted(window, left_out)])
-    return _limit_errors(np.concatenate(errors))
+    return _compare(model, values, run, windows, left_out, rates=False)
 
 
-def compute_window_rmse(
-    model: AxisModel, values: FloatArray, run: AxisRun, windows: Sequence[Window]
-) -> float:
-    """Return the root mean square of `compute_output_error`, m or rad."""
-    return float(np.sqrt(np.mean(np.square(compute_output_error(model, values, run, windows)))))
-
-
-def _compute_rates(
+def _compare(
     model: AxisModel,
     values: FloatArray,
     run: AxisRun,
     windows: Sequence[Window],
     left_out: Window | None,
+    *,
+    rates: bool,
 ) -> FloatArray:
+    """Return the errors (M,) of `compute_output_error`, or their derivatives (M, p) by the values."""
     parts = []
     for window in windows:
+        samples = np.arange(window.first + GIVEN, window.last)
+        counted = np.ones(len(samples), dtype=np.bool_)
+        if left_out is not None:
+            counted = (samples < left_out.first) | (samples >= left_out.last)
         force = run.force[window.first + GIVEN - 1 : window.last]
-        _, rates = compute_axis_rates(
-            model, values, force, run.period, estimate_axis_start(run, window.first)
-        )
-        parts.append(rates[1:][_mask_counted(window, left_out)])
-    return _limit_errors(np.vstack(parts))
+        start = estimate_axis_start(run, window.first)
+        states = simulate_axis(model, values, force, run.period, start, rates=rates)[:, 1:]
+        part = states[2 : 2 + len(values)].T if rates else states[0] - run.position[samples]
+        parts.append(part[counted])
+    errors: FloatArray = np.clip(np.nan_to_num(np.concatenate(parts), nan=_WORST), -_WORST, _WORST)
+    return errors
 
 
-def _mask_counted(window: Window, left_out: Window | None) -> NDArray[np.bool_]:
-    """Return which samples behind the given ones of a window are not left out."""
-    samples = np.arange(window.first + GIVEN, window.last)
-    if left_out is None:
-        return np.ones(len(samples), dtype=np.bool_)
-    counted: NDArray[np.bool_] = (samples < left_out.first) | (samples >= left_out.last)
-    return counted
-
-
-def _limit_errors(errors: FloatArray) -> FloatArray:
-    bounded: FloatArray = np.clip(np.nan_to_num(errors, nan=_WORST), -_WORST, _WORST)
-    return bounded
+def compute_window_rmse(
+    model: AxisModel, values: FloatArray, run: AxisRun, windows: Sequence[Window] = ()
+) -> float:
+    """Return the root mean square of `compute_output_error`, m or rad; without windows, of the whole run."""
+    errors = compute_output_error(model, values, run, windows or [Window(0, len(run.force))])
+    return float(np.sqrt(np.mean(np.square(errors))))
 
 
 def fit_force(
     model: AxisModel,
     run: AxisRun,
-    states: tuple[FloatArray, FloatArray, FloatArray],
+    states: AxisStates,
     windows: Sequence[Window],
     shape: Sequence[float] = (),
 ) -> FloatArray:
@@ -519,10 +451,7 @@ def fit_force(
         "time": run.begin + run.period * rows,
     }
     columns = np.column_stack([acceleration, compute_force_columns(model, inputs, shape)])
-    scale = np.linalg.norm(columns, axis=0)
-    scale[scale == 0.0] = 1.0
-    found, *_ = np.linalg.lstsq(columns / scale, run.force[rows], rcond=None)
-    return np.concatenate([found / scale, np.asarray(shape, dtype=np.float64)])
+    return np.concatenate([solve_scaled(columns, run.force[rows]), np.asarray(shape, dtype=np.float64)])
 
 
 def fit_output_error(
@@ -553,7 +482,11 @@ def fit_output_error(
     if short or not windows:
         text = f"windows {short}: there must be one at least, and each must have {_FEWEST} samples or more"
         raise LogError(Notice(code="friction.axis-run", text=text))
-    lower, upper = _list_bounds(model)
+    terms = tuple(AXIS_TERMS[name].parameter for name in model.terms)
+    parameters = (*model.law.linear, *terms, *model.law.shape)
+    # The first value is the mass.
+    lower = np.array([0.0, *(parameter.lower for parameter in parameters)])
+    upper = np.array([np.inf, *(parameter.upper for parameter in parameters)])
     fits = []
     for start in starts:
         scale = np.maximum(np.abs(start), 1e-3)
@@ -563,7 +496,7 @@ def fit_output_error(
             least_squares(
                 lambda values: compute_output_error(model, values, run, windows, left_out),
                 inside,
-                jac=lambda values: _compute_rates(model, values, run, windows, left_out),
+                jac=lambda values: _compare(model, values, run, windows, left_out, rates=True),
                 bounds=(lower, upper),
                 x_scale="jac",
                 xtol=_TOLERANCE,
@@ -583,10 +516,174 @@ def fit_output_error(
     )
 
 
-def _list_bounds(model: AxisModel) -> tuple[FloatArray, FloatArray]:
-    """Return least and greatest values: of the law, of the terms, and a mass above zero."""
-    terms = tuple(AXIS_TERMS[name].parameter for name in model.terms)
-    parameters = (*model.law.linear, *terms, *model.law.shape)
-    lower = np.array([0.0, *(parameter.lower for parameter in parameters)])
-    upper = np.array([np.inf, *(parameter.upper for parameter in parameters)])
-    return lower, upper
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SearchPlan:
+    """How a fit to a whole run is searched.
+
+    Args:
+        cutoff: of the low-pass behind the states that the first fit, of forces, takes, Hz.
+        lengths: of windows that lead there, s, short ones first.
+        shape: values of a law's shape to begin with.
+        restarts: further starts, scattered about the values found in windows.
+        scatter: standard deviation of that, relative.
+    """
+
+    cutoff: float
+    lengths: tuple[float, ...]
+    shape: tuple[float, ...] = ()
+    restarts: int = 3
+    scatter: float = 0.02
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AxisTrial:
+    """How a model did.
+
+    Args:
+        model: what was tried.
+        held: root mean square error of the position in each block that did not count, m or rad.
+    """
+
+    model: AxisModel
+    held: tuple[float, ...]
+
+    @property
+    def unknowns(self) -> int:
+        """Return how many values were fitted."""
+        return len(self.model.parameters)
+
+    @property
+    def rmse(self) -> float:
+        """Return the root of the mean square over the blocks, m or rad."""
+        return float(np.sqrt(np.mean(np.square(self.held))))
+
+    @property
+    def deviation(self) -> float:
+        """Return the standard error of the mean square over the blocks, m^2 or rad^2."""
+        return float(np.std(np.square(self.held), ddof=1) / np.sqrt(len(self.held)))
+
+
+def compute_axis_states(run: AxisRun, cutoff: float, order: int = 4) -> AxisStates:
+    """Return position, velocity and acceleration (N,), low-passed forward and backward at `cutoff` Hz."""
+    position = low_pass(run.position, period=run.period, cutoff=cutoff, order=order)
+    velocity = differentiate(position, run.period)
+    return position, velocity, differentiate(velocity, run.period)
+
+
+def fit_whole_run(
+    model: AxisModel,
+    run: AxisRun,
+    plan: SearchPlan,
+    *,
+    left_out: Window | None = None,
+    generator: np.random.Generator,
+) -> OutputErrorFit:
+    """Return the fit to a run simulated as one window, led there by forces, then by shorter windows.
+
+    Args:
+        model: of the axis.
+        run: its recording.
+        plan: of the search.
+        left_out: samples that neither this fit nor those before it use.
+        generator: of the scatter.
+    """
+    whole = Window(0, len(run.force))
+    parts = [whole]
+    if left_out is not None:
+        sides = Window(0, left_out.first), Window(left_out.last, whole.last)
+        parts = [side for side in sides if side.last > side.first]
+    states = compute_axis_states(run, plan.cutoff)
+    start = fit_force(model, run, states, parts, plan.shape[: len(model.law.shape)])
+    for length in plan.lengths:
+        windows = split_windows(parts, length / run.period)
+        start = np.array(fit_output_error(model, run, windows, [start]).values)
+    scatter = (plan.scatter * generator.standard_normal(len(start)) for _ in range(plan.restarts))
+    starts = [start, *(start * (1.0 + part) for part in scatter)]
+    return fit_output_error(model, run, [whole], starts, left_out=left_out)
+
+
+def try_axis_model(
+    model: AxisModel,
+    run: AxisRun,
+    plan: SearchPlan,
+    *,
+    blocks: int = 4,
+    generator: np.random.Generator,
+) -> AxisTrial:
+    """Return the error in each block of a fit to all others; the rest as in `fit_whole_run`.
+
+    The simulation passes through the block as long and as far from its start as it will be used.
+    """
+    whole = Window(0, len(run.force))
+    held = []
+    for block in split_windows([whole], len(run.force) / blocks):
+        fit = fit_whole_run(model, run, plan, left_out=block, generator=generator)
+        errors = compute_output_error(model, np.array(fit.values), run, [whole])
+        # The first samples are given: there is no error of them.
+        inside = errors[max(block.first - GIVEN, 0) : block.last - GIVEN]
+        held.append(float(np.sqrt(np.mean(np.square(inside)))))
+    return AxisTrial(model=model, held=tuple(held))
+
+
+def choose_axis_trial(trials: Sequence[AxisTrial]) -> AxisTrial:
+    """Return, of all trials within one standard error of the best, that of the fewest values.
+
+    Among equally many, the one with the least error.
+    """
+    best = min(trials, key=lambda trial: trial.rmse)
+    limit = best.rmse**2 + best.deviation
+    near = [trial for trial in trials if trial.rmse**2 <= limit]
+    return min(near, key=lambda trial: (trial.unknowns, trial.rmse))
+
+
+def build_axis_samples(
+    recording: Recording, processing: Processing, *, joint: str = "axis", terms: Sequence[str] = ()
+) -> FrictionSamples:
+    """Return the samples of an axis that moves along itself, with its mass as unknown.
+
+    Args:
+        recording: of a robot with one joint.
+        processing: filter, ends cut, decimation.
+        joint: its name.
+        terms: of `AXIS_TERMS`, columns beside the mass.
+
+    Raises:
+        LogError: the recording has another number of joints, or cannot be filtered.
+    """
+    _check_single(recording)
+    signals = prepare_signals(recording, processing)
+    position, velocity = signals.q[:, 0], signals.dq[:, 0]
+    inputs = {"velocity": velocity, "position": position, "time": signals.time}
+    return FrictionSamples(
+        joint=joint,
+        time=signals.time,
+        velocity=velocity,
+        torque=signals.tau[:, 0],
+        extra=np.column_stack([signals.ddq[:, 0], *compute_axis_terms(terms, inputs)]),
+        extra_names=("M", *terms),
+        load=signals.tau[:, 0],
+        position=position,
+        reduce=build_reduction([len(velocity)], processing.decimation),
+        prismatic=True,
+    )
+
+
+def build_axis_run(recording: Recording) -> AxisRun:
+    """Return position and force of an axis as they were recorded, for simulations.
+
+    Raises:
+        LogError: the recording has another number of joints.
+    """
+    _check_single(recording)
+    return AxisRun(
+        position=recording.position[:, 0],
+        force=recording.torque[:, 0],
+        period=recording.period,
+        begin=float(recording.time[0]),
+    )
+
+
+def _check_single(recording: Recording) -> None:
+    if recording.position.shape[1] != 1:
+        text = f"the recording has {recording.position.shape[1]} joints; one is wanted"
+        raise LogError(Notice(code="log.joints", text=text, file=recording.source))

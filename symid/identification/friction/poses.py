@@ -27,21 +27,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library
 from symid.errors import Notice, SymidError
-from symid.identification.friction.estimate import FrictionEstimate, compute_sensitivities
+from symid.identification.diagnostics import sum_block_scores
+from symid.identification.friction.estimate import (
+    FrictionEstimate,
+    compute_law_sensitivities,
+    compute_sensitivities,
+)
 from symid.identification.friction.estimators import fit_friction
 from symid.identification.friction.extraction import JointLogs, extract_joint
 from symid.identification.friction.problem import FrictionOptions
 from symid.identification.friction.samples import FrictionSamples, build_friction_rows
 from symid.identification.friction.selection import predict_rows
-from symid.joint_models import (
-    FrictionLaw,
-    compute_column_derivatives,
-    compute_columns,
-    compute_friction_torque,
-)
+from symid.joint_models import FrictionLaw, compute_friction_torque
 
 _BLOCKS = 20
 _ORDER = 20
@@ -53,7 +53,7 @@ _TOO_SMALL = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PatternCovariance:
+class PatternCovariance(FrozenArrays):
     """Covariances (n, n) of (linear, shape, other) for three kinds of noise.
 
     Args:
@@ -67,11 +67,6 @@ class PatternCovariance:
     memory: FloatArray
     freedom: float
     block_freedom: float
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("white", "blocks", "memory"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
 
     def find_deviations(self, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the deviations (m,) of combinations `rows` (m, n), and their degrees of freedom (m,)."""
@@ -101,15 +96,10 @@ def estimate_pattern_covariance(
     inverse = np.linalg.pinv(scaled.T @ scaled, rcond=_DEPENDENT)
     unknowns = int(np.linalg.matrix_rank(inverse)) if inverse.any() else 0
     freedom = max(len(error) - unknowns, 1)
-    blocks, memory = np.zeros_like(inverse), np.zeros_like(inverse)
-    count = 0
+    blocks, count = sum_block_scores(scaled, error, rows.run, _BLOCKS)
+    memory = np.zeros_like(inverse)
     for run in np.unique(rows.run):
         members = np.flatnonzero(rows.run == run)
-        parts = np.array_split(members, min(_BLOCKS, len(members)))
-        count += len(parts)
-        for part in parts:
-            score = scaled[part].T @ error[part]
-            blocks += np.outer(score, score)
         memory += _integrate_spectrum(error[members], scaled[members], unknowns) * len(error) / freedom
     blocks *= count / max(count - 1, 1)
 
@@ -169,20 +159,18 @@ def compute_robust_deviations(
     samples: FrictionSamples, law: FrictionLaw, estimate: FrictionEstimate
 ) -> dict[str, tuple[float, float]]:
     """Return (deviation, degrees of freedom) of the law's parameters that have a number."""
-    found = estimate_pattern_covariance(samples, law, estimate)
-    deviations, freedom = found.find_deviations(_build_mixing(law, len(found.white)))
-    told = {entry.name for entry in estimate.parameters}
-    return {
-        entry.name: (float(deviations[k]), float(freedom[k]))
-        for k, entry in enumerate(law.physical)
-        if entry.name in told
-    }
+    return _list_deviations(law, estimate, estimate_pattern_covariance(samples, law, estimate))
 
 
-def _build_mixing(law: FrictionLaw, size: int) -> FloatArray:
-    mixing = np.zeros((len(law.physical), size))
+def _list_deviations(
+    law: FrictionLaw, estimate: FrictionEstimate, covariance: PatternCovariance
+) -> dict[str, tuple[float, float]]:
+    mixing = np.zeros((len(law.physical), len(covariance.white)))
     mixing[:, : len(law.linear) + len(law.shape)] = np.array(law.mixing, dtype=np.float64)
-    return mixing
+    deviations, freedom = covariance.find_deviations(mixing)
+    told = {entry.name for entry in estimate.parameters}
+    found = zip(law.physical, deviations.tolist(), freedom.tolist(), strict=True)
+    return {entry.name: (deviation, count) for entry, deviation, count in found if entry.name in told}
 
 
 def warn_of_friction_pattern(
@@ -293,14 +281,6 @@ class _PoseFit:
     fast: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Change:
-    """Change of the friction curve between poses, and how large it may be by chance (95 %)."""
-
-    size: float
-    doubt: float
-
-
 def list_poses(library: Library, logs: JointLogs, joint: int) -> tuple[HeldPose, ...]:
     """Return the poses at which a joint was moved alone."""
     names = [card.name for card in library.card.joints]
@@ -350,42 +330,35 @@ def compare_poses(
     skipped: list[tuple[str, str]] = []
     for pose in poses:
         try:
-            fits.append(_fit_pose(library, logs, joint, law, pose=pose, options=options, beta=beta))
+            samples = extract_joint(library, logs, joint, runs=pose.runs, beta=beta).samples
+            fits.append(_fit_pose(samples, law, options))
         except SymidError as error:
             skipped.append((", ".join(pose.sources), "; ".join(entry.text for entry in error.notices)))
         else:
             fitted.append(pose)
-    enough = len(fits) > 1
-    parameters = _compare_parameters(law, fits) if enough else ()
-    change = _measure_change(law, fits) if enough else None
+    parameters = _compare_parameters(law, fits) if len(fits) > 1 else ()
+    change = _measure_change(law, fits) if len(fits) > 1 else None
+    least = min((entry.chance for entry in parameters), default=1.0)
     return PoseTest(
         law=law.name,
         poses=tuple(fitted),
         parameters=parameters,
-        change=None if change is None else change.size,
-        differs=_get_least_chance(parameters) < _SIGNIFICANT,
+        change=None if change is None else change[0],
+        # Times how many were looked at (Bonferroni).
+        differs=least * max(len(parameters), 1) < _SIGNIFICANT,
         verdict=_write_verdict(library.card.joints[joint].name, law, fits, parameters, change),
         skipped=tuple(skipped),
     )
 
 
-def _fit_pose(
-    library: Library,
-    logs: JointLogs,
-    joint: int,
-    law: FrictionLaw,
-    *,
-    pose: HeldPose,
-    options: FrictionOptions | None,
-    beta: FloatArray | None,
-) -> _PoseFit:
-    samples = extract_joint(library, logs, joint, runs=pose.runs, beta=beta).samples
+def _fit_pose(samples: FrictionSamples, law: FrictionLaw, options: FrictionOptions | None) -> _PoseFit:
     estimate = fit_friction(samples, law, options=options)
+    covariance = estimate_pattern_covariance(samples, law, estimate)
     speeds = np.abs(build_friction_rows(samples).velocity)
     return _PoseFit(
         estimate=estimate,
-        deviations=compute_robust_deviations(samples, law, estimate),
-        covariance=estimate_pattern_covariance(samples, law, estimate),
+        deviations=_list_deviations(law, estimate, covariance),
+        covariance=covariance,
         slow=float(np.quantile(speeds, 0.02)),
         fast=float(speeds.max()),
     )
@@ -396,19 +369,19 @@ def _compare_parameters(law: FrictionLaw, fits: Sequence[_PoseFit]) -> tuple[Pos
     for entry in law.physical:
         if not all(entry.name in fit.deviations for fit in fits):
             continue
+        units = {one.name: one.unit for one in fits[0].estimate.parameters}
         values = np.array([fit.estimate.get_value(entry.name) for fit in fits], dtype=np.float64)
         stds, freedom = np.array([fit.deviations[entry.name] for fit in fits]).T
         if not np.all((stds > 0.0) & np.isfinite(stds)):
             continue
-        unit = next(p.unit for p in fits[0].estimate.parameters if p.name == entry.name)
         found.append(
             PoseParameter(
                 name=entry.name,
-                unit=unit,
-                values=tuple(map(float, values)),
-                stds=tuple(map(float, stds)),
+                unit=units[entry.name],
+                values=tuple(values.tolist()),
+                stds=tuple(stds.tolist()),
                 chance=compute_chance(values, stds, freedom),
-                freedom=tuple(map(float, freedom)),
+                freedom=tuple(freedom.tolist()),
             )
         )
     return tuple(found)
@@ -427,8 +400,11 @@ def compute_chance(values: FloatArray, stds: FloatArray, freedom: FloatArray) ->
     return float(f.sf(statistic, count - 1, (count**2 - 1) / (3.0 * small)))
 
 
-def _measure_change(law: FrictionLaw, fits: Sequence[_PoseFit]) -> _Change | None:
-    """Return the largest difference of two friction curves, relative to the largest friction."""
+def _measure_change(law: FrictionLaw, fits: Sequence[_PoseFit]) -> tuple[float, float] | None:
+    """Return the largest difference of two friction curves, and how large it may be by chance (95 %).
+
+    Both are relative to the largest friction.
+    """
     slow, fast = max(fit.slow for fit in fits), min(fit.fast for fit in fits)
     told = all(entry.name in fit.deviations for fit in fits for entry in law.physical)
     if not told or law.inputs != ("velocity",) or not 0.0 < slow < fast:
@@ -442,29 +418,18 @@ def _measure_change(law: FrictionLaw, fits: Sequence[_PoseFit]) -> _Change | Non
     largest = float(np.max(np.abs(curves)))
     if largest == 0.0:
         return None
-    return _Change(
-        size=float(np.max(np.ptp(curves, axis=0))) / largest,
-        doubt=float(np.max(np.hypot(bands[-1], bands[-2]))) / largest,
-    )
+    size, doubt = np.max(np.ptp(curves, axis=0)), np.max(np.hypot(bands[-1], bands[-2]))
+    return float(size) / largest, float(doubt) / largest
 
 
 def _compute_band(law: FrictionLaw, inputs: dict[str, FloatArray], fit: _PoseFit) -> FloatArray:
     """Return the half width of the 95 % band of a pose's friction curve, N m or N."""
     from scipy.stats import t
 
-    shape = list(fit.estimate.shape)
-    slopes = [compute_columns(law, inputs, shape)]
-    if shape:
-        rates = compute_column_derivatives(law, inputs, shape)
-        slopes.append(np.einsum("nps,p->ns", rates, np.array(fit.estimate.linear)))
-    beside = np.zeros((len(slopes[0]), len(fit.estimate.other)))
-    deviations, freedom = fit.covariance.find_deviations(np.hstack([*slopes, beside]))
+    own = compute_law_sensitivities(law, inputs, fit.estimate.linear, fit.estimate.shape)
+    beside = np.zeros((len(own), len(fit.estimate.other)))
+    deviations, freedom = fit.covariance.find_deviations(np.hstack([own, beside]))
     return np.asarray(deviations * t.ppf(0.975, freedom))
-
-
-def _get_least_chance(parameters: Sequence[PoseParameter]) -> float:
-    """Return the least probability, times how many were looked at (Bonferroni)."""
-    return min((entry.chance for entry in parameters), default=1.0) * max(len(parameters), 1)
 
 
 def _write_verdict(
@@ -472,7 +437,7 @@ def _write_verdict(
     law: FrictionLaw,
     fits: Sequence[_PoseFit],
     parameters: Sequence[PoseParameter],
-    change: _Change | None,
+    change: tuple[float, float] | None,
 ) -> str:
     poses = len(fits)
     if poses < 2:
@@ -483,9 +448,7 @@ def _write_verdict(
         )
     limit = _SIGNIFICANT / len(parameters)
     apart = [entry for entry in parameters if entry.chance < limit]
-    size = (
-        "" if change is None else f"; between poses the friction curve changes by {100 * change.size:.2g} %"
-    )
+    size = "" if change is None else f"; between poses the friction curve changes by {100 * change[0]:.2g} %"
     if apart:
         shown = ", ".join(f"{entry.name} ({_spread(entry)})" for entry in apart)
         return f"friction of {joint!r} depends on the pose: {shown}, more than chance explains{size}"
@@ -495,10 +458,10 @@ def _write_verdict(
             f"friction of {joint!r} is too uncertain to compare at these {poses} poses: {shown}, with "
             "intervals wider than the values; record more or longer motions at each"
         )
-    if change is not None and change.doubt > _COARSE:
+    if change is not None and change[1] > _COARSE:
         return (
             f"friction of {joint!r} is too uncertain to compare at these {poses} poses: its curve could "
-            f"differ by {100.0 * change.doubt:.2g} % by chance; record more or longer motions at each"
+            f"differ by {100.0 * change[1]:.2g} % by chance; record more or longer motions at each"
         )
     if any(len(fit.deviations) < len(law.physical) for fit in fits):
         names = ", ".join(entry.name for entry in parameters)

@@ -1,7 +1,5 @@
 """Friction with a memory (Dahl, LuGre) identified: bristle stiffness and damping, and the law of slip.
 
-FrictionSamples with positions, DynamicLaw -> PreslidingEstimate.
-
     J = |R tau - R [tau_f(x; p), X c]|^2   over whole recordings, tau_f simulated along the measured way
 
 Between samples the measured way over the period is the velocity of an exact step; at samples the measured
@@ -23,8 +21,9 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.errors import IdentifiabilityError, Notice, UsageError
 from symid.identification.estimators import ParameterEstimate
-from symid.identification.friction.estimate import SearchOutcome
+from symid.identification.friction.estimate import NamedParameters
 from symid.identification.friction.samples import FrictionSamples
+from symid.ipopt import Ending
 from symid.joint_models import (
     DynamicLaw,
     FrictionPath,
@@ -119,21 +118,16 @@ class PreslidingProblem:
         return columns
 
 
-def build_presliding_problem(
+def _build_problem(
     samples: FrictionSamples, law: DynamicLaw, fixed: Mapping[str, float]
 ) -> PreslidingProblem:
-    """Return the problem; values in `fixed` that the law lacks are ignored.
-
-    Raises:
-        IdentifiabilityError: no positions, nothing moves, or there are not more rows than unknowns.
-        UsageError: times that do not increase within a recording, or every parameter is fixed.
-    """
+    """Return the problem; values in `fixed` that the law lacks are ignored."""
     if set(law.names) <= set(fixed):
         text = f"all parameters of {law.name!r} are fixed: leave some to be fitted"
         raise UsageError(Notice(code="friction.presliding-options", text=text))
     target = samples.pass_columns(samples.torque[:, None])[:, 0]
-    wide = samples.extra.shape[1] > 0
-    unknowns = sum(name not in fixed for name in law.names) + samples.extra.shape[1]
+    beside = samples.extra.shape[1]
+    unknowns = sum(name not in fixed for name in law.names) + beside
     if target.size <= unknowns:
         text = f"joint {samples.joint!r}: {target.size} rows cannot tell {unknowns} unknowns of {law.name!r}"
         raise IdentifiabilityError(Notice(code="friction.few-rows", text=text))
@@ -143,7 +137,7 @@ def build_presliding_problem(
         path=build_path(samples),
         fixed={name: value for name, value in fixed.items() if name in law.names},
         target=target,
-        extra=samples.pass_columns(samples.extra) if wide else np.zeros((target.size, 0)),
+        extra=samples.pass_columns(samples.extra) if beside else np.zeros((target.size, 0)),
     )
 
 
@@ -183,7 +177,7 @@ class PreslidingOptions:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PreslidingEstimate:
+class PreslidingEstimate(NamedParameters):
     """The result of a fit.
 
     Args:
@@ -209,33 +203,24 @@ class PreslidingEstimate:
     sigma: float
     samples: int
     evaluations: int
-    outcome: SearchOutcome
+    outcome: Ending
     notices: tuple[Notice, ...] = ()
 
-    def get_value(self, name: str) -> float | None:
-        """Return a parameter's value, None where it was refused or not fitted."""
-        return {entry.name: entry.value for entry in (*self.parameters, *self.extra)}.get(name)
 
-    def get_std(self, name: str) -> float | None:
-        """Return a parameter's standard deviation, None where it was refused or not fitted."""
-        return {entry.name: entry.std for entry in (*self.parameters, *self.extra)}.get(name)
-
-
-def _build_grid(problem: PreslidingProblem, options: PreslidingOptions) -> list[list[float]]:
+def _build_grid(problem: PreslidingProblem, stiffnesses: int) -> list[list[float]]:
     """Return the grid: values of the law with fC = 1 and no damping, viscous friction."""
     path, names = problem.path, problem.law.names
     way = np.abs(path.held) * path.period
-    moving = np.abs(path.held)[way > 0]
     shortest = float(np.quantile(way[way > 0], 0.05))
     longest = float(np.ptp(problem.samples.position)) if problem.samples.position is not None else 1.0
-    stiffnesses = np.geomspace(0.5 / longest, 1.0 / max(shortest, 1e-6 * longest), options.stiffnesses)
+    slopes = np.geomspace(0.5 / longest, 1.0 / max(shortest, 1e-6 * longest), stiffnesses)
     stribeck = "vs" in names
-    speeds = np.quantile(moving, _QUANTILES) if stribeck else np.ones(1)
+    speeds = np.quantile(np.abs(path.held)[way > 0], _QUANTILES) if stribeck else np.ones(1)
+    given = {"fC": 1.0, "sigma1": 0.0, "fV": 0.0, "gamma": 2.0}
     rows = []
-    for stiffness, excess, speed in itertools.product(stiffnesses, _EXCESS if stribeck else (1.0,), speeds):
-        given = {"sigma0": stiffness, "fC": 1.0, "fS": excess, "vs": speed, "sigma1": 0.0, "fV": 0.0}
-        given |= {"gamma": 2.0}
-        rows.append([float(problem.fixed.get(name, given[name])) for name in names])
+    for stiffness, excess, speed in itertools.product(slopes, _EXCESS if stribeck else (1.0,), speeds):
+        values = {**given, "sigma0": stiffness, "fS": excess, "vs": speed, **problem.fixed}
+        rows.append([float(values[name]) for name in names])
     return rows
 
 
@@ -275,8 +260,8 @@ def fit_presliding(
     from scipy.optimize import least_squares
 
     options = options or PreslidingOptions()
-    problem = build_presliding_problem(samples, law, dict(options.fixed))
-    grid = [_solve_start(problem, values) for values in _build_grid(problem, options)]
+    problem = _build_problem(samples, law, dict(options.fixed))
+    grid = [_solve_start(problem, values) for values in _build_grid(problem, options.stiffnesses)]
     grid.sort(key=lambda pair: pair[0])
     searches = [
         least_squares(
@@ -294,8 +279,9 @@ def fit_presliding(
     ]
     best = min(searches, key=lambda search: search.cost)
     evaluations = 2 * len(grid) + sum(int(search.nfev) for search in searches)
-    outcome = SearchOutcome.CONVERGED if best.status > 0 else SearchOutcome.LIMIT
-    return _build_estimate(problem, options, np.asarray(best.x), (evaluations, outcome))
+    return _build_estimate(
+        problem, options, np.asarray(best.x), converged=best.status > 0, evaluations=evaluations
+    )
 
 
 def _list_bounds(problem: PreslidingProblem, start: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -327,48 +313,47 @@ def _is_flat(problem: PreslidingProblem, values: list[float], covariance: FloatA
     names = [problem.law.names[k] for k in problem.free]
     if "fS" not in names or "fC" not in names:
         return False
-    one, other = names.index("fS"), names.index("fC")
-    variance = covariance[one, one] + covariance[other, other] - 2.0 * covariance[one, other]
-    gap = values[problem.free[one]] - values[problem.free[other]]
-    return bool(gap**2 < 9.0 * variance)
-
-
-def _compute_equal_damping(problem: PreslidingProblem, torque: FloatArray) -> float:
-    """Return the damping whose torque would be as large as the torque explained (M,), at the median speed."""
-    speeds = np.abs(problem.path.held[problem.path.held != 0.0])
-    return float(np.sqrt(np.mean(torque**2)) / np.median(speeds))
+    difference = np.zeros(len(covariance))
+    difference[names.index("fS")], difference[names.index("fC")] = 1.0, -1.0
+    gap = float(difference[: len(names)] @ np.array(values)[problem.free])
+    return gap**2 < 9.0 * float(difference @ covariance @ difference)
 
 
 def _sort_entries(
     problem: PreslidingProblem,
-    limits: tuple[float, float],
     values: list[float],
     other: FloatArray,
     covariance: FloatArray,
+    *,
+    largest: float,
+    damping: float,
 ) -> tuple[list[ParameterEstimate], list[tuple[str, str]]]:
     """Return what the samples tell, and what they do not.
 
-    `limits` are the largest relative deviation and the damping that it is relative to where one is zero.
+    `largest` is the relative deviation, `damping` what it is relative to where damping is zero.
     """
-    samples, (largest, damping) = problem.samples, limits
+    samples, law = problem.samples, problem.law
     units = samples.extra_units or ("",) * len(samples.extra_names)
-    entries = [(_get_name_and_unit(problem, k), values[k]) for k in problem.free]
-    entries += list(zip(zip(samples.extra_names, units, strict=True), other.tolist(), strict=True))
+    fitted = [law.parameters[k] for k in problem.free]
+    names = [*(entry.name for entry in fitted), *samples.extra_names]
+    units = (*(entry.unit_prismatic if samples.prismatic else entry.unit for entry in fitted), *units)
+    found = [*(values[k] for k in problem.free), *other.tolist()]
     flat = _is_flat(problem, values, covariance)
     told, refused = [], []
-    for ((name, unit), value), variance in zip(entries, np.diag(covariance).tolist(), strict=True):
-        std = float(np.sqrt(variance))
+    stds = np.sqrt(np.diag(covariance)).tolist()
+    for name, unit, value, std in zip(names, units, found, stds, strict=True):
         # Only what would have shown in the torque is known to be none.
         at_zero = name in LINEAR_PARAMETERS and value <= 1e-6 * std and std <= largest * damping
         if name == "vs" and flat:
             text = f"joint {samples.joint!r}: vs has no meaning: static and Coulomb friction do not differ"
             refused.append((name, text))
-            continue
-        if std > largest * abs(value) and not at_zero:
+        elif std > largest * abs(value) and not at_zero:
             refused.append((name, _describe_refusal(problem, name, std, value)))
-            continue
-        reason = "at its bound, zero" if at_zero else _describe_bound(problem, name, value)
-        told.append(ParameterEstimate(name=name, value=value, std=std, unit=unit, reason=reason))
+        else:
+            ends = [end for entry in fitted if entry.name == name for end in (entry.lower, entry.upper)]
+            held = any(abs(value - end) <= 1e-4 * abs(end) for end in ends if end)
+            reason = "at its bound, zero" if at_zero else f"at its bound, {value:.3g}" if held else ""
+            told.append(ParameterEstimate(name=name, value=value, std=std, unit=unit, reason=reason))
     return told, refused
 
 
@@ -376,19 +361,24 @@ def _build_estimate(
     problem: PreslidingProblem,
     options: PreslidingOptions,
     unknowns: FloatArray,
-    ending: tuple[int, SearchOutcome],
+    *,
+    converged: bool,
+    evaluations: int,
 ) -> PreslidingEstimate:
     values, other = problem.split(unknowns)
     residual = problem.find_residual(unknowns)
     objective = float(residual @ residual)
     sigma = float(np.sqrt(objective / max(residual.size - unknowns.size, 1)))
     covariance = _compute_covariance(problem.find_columns(values), sigma)
-    limits = (options.largest_std, _compute_equal_damping(problem, residual + problem.target))
-    told, refused = _sort_entries(problem, limits, values, other, covariance)
+    # The damping whose torque at the median speed would be as large as the torque explained.
+    held = problem.path.held
+    speed = np.median(np.abs(held[held != 0.0]))
+    damping = float(np.sqrt(np.mean((residual + problem.target) ** 2)) / speed)
+    told, refused = _sort_entries(
+        problem, values, other, covariance, largest=options.largest_std, damping=damping
+    )
     own = [entry for entry in told if entry.name in problem.law.names]
-    evaluations, outcome = ending
-    if outcome is SearchOutcome.CONVERGED and refused:
-        outcome = SearchOutcome.SOME_REFUSED
+    outcome = Ending.CONVERGED if converged else Ending.LIMIT
     return PreslidingEstimate(
         joint=problem.samples.joint,
         law=problem.law.name,
@@ -402,22 +392,9 @@ def _build_estimate(
         sigma=sigma,
         samples=residual.size,
         evaluations=evaluations,
-        outcome=outcome,
+        outcome=Ending.SOME_REFUSED if converged and refused else outcome,
         notices=_list_notices(problem, values, [name for name, _ in refused]),
     )
-
-
-def _describe_bound(problem: PreslidingProblem, name: str, value: float) -> str:
-    for parameter in problem.law.parameters:
-        ends = (parameter.lower, parameter.upper)
-        if parameter.name == name and any(abs(value - end) <= 1e-4 * abs(end) for end in ends if end):
-            return f"at its bound, {value:.3g}"
-    return ""
-
-
-def _get_name_and_unit(problem: PreslidingProblem, index: int) -> tuple[str, str]:
-    parameter = problem.law.parameters[index]
-    return parameter.name, parameter.unit_prismatic if problem.samples.prismatic else parameter.unit
 
 
 _REASONS = {

@@ -18,14 +18,22 @@ Not supported: bounds on what multiplies the columns beside friction; weights of
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import IdentifiabilityError, Notice, UsageError
+from symid.identification.friction.estimate import FrictionSearch
 from symid.identification.friction.samples import FrictionSamples
-from symid.joint_models import FrictionLaw, build_numpy_carrier, compute_column_derivatives, compute_columns
+from symid.ipopt import Ending
+from symid.joint_models import (
+    FrictionLaw,
+    build_numpy_carrier,
+    compute_column_derivatives,
+    compute_columns,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,9 +76,9 @@ class GeneticOptions:
     """Of the genetic algorithm.
 
     On 200 draws of protocol S1 (500 samples, four unknowns) it ended within 1e-6 of the optimum each time,
-    after 4200 evaluations, 65 generations and 20 ms on average. A population of 60, roulette selection,
-    crossover of pairs and Gaussian mutation of single genes (18060 evaluations) stop up to three times above
-    it: their steps do not follow the narrow valley in which Coulomb and viscous friction trade off.
+    after 65 generations and 20 ms on average. Roulette selection, crossover of pairs and Gaussian mutation of
+    single genes stop up to three times above it: they do not follow the narrow valley in which Coulomb and
+    viscous friction trade off.
 
     Args:
         population: candidates per unknown.
@@ -89,9 +97,8 @@ class GeneticOptions:
 class AnnealingOptions:
     """Of the hybrid of genetic algorithm and simulated annealing.
 
-    On 200 draws of protocol S1 it ended within 1e-6 of the optimum each time, after 53 generations (the
-    genetic algorithm takes 65), 5200 evaluations and 26 ms on average; cooling by 0.95 takes half as many
-    generations again, for the temperature then stays above the differences that matter.
+    On the same draws it took 53 generations and 26 ms; cooling by 0.95 takes half as many again, for the
+    temperature then stays above the differences that matter.
 
     Args:
         population: candidates per unknown.
@@ -113,8 +120,8 @@ class AnnealingOptions:
 class EvolutionOptions:
     """Of SciPy's differential evolution.
 
-    With its default strategy, best1bin with recombination 0.7, 4 of 40 draws of protocol S1 ended at more
-    than three times the optimum; with these, none did, after 4700 evaluations on average.
+    With its default strategy, best1bin with recombination 0.7, 4 of 40 such draws ended at more than three
+    times the optimum; with these, none did.
 
     Args:
         population: candidates per unknown.
@@ -165,40 +172,31 @@ class FrictionOptions:
         ]
         if not 0.0 < self.reach < math.inf:
             mistakes.append(f"reach {self.reach:g}: must be a positive number")
-        for part, name, least in _COUNTS:
-            value = getattr(getattr(self, part), name)
-            if value < least:
-                mistakes.append(f"{part}.{name} {value}: must be {least} or more")
-        for part in _PARTS:
-            value = getattr(self, part).tolerance
-            if not 0.0 < value < 1.0:
-                mistakes.append(f"{part}.tolerance {value:g}: must lie between 0 and 1")
-        if not 0.0 < self.annealing.cooling < 1.0:
-            mistakes.append(f"annealing.cooling {self.annealing.cooling:g}: must lie between 0 and 1")
-        for part, name in (("genetic", "width"), ("annealing", "width"), ("annealing", "step")):
-            value = getattr(getattr(self, part), name)
-            if not 0.0 < value < math.inf:
-                mistakes.append(f"{part}.{name} {value:g}: must be a positive number")
+        parts = {entry.name: getattr(self, entry.name) for entry in fields(self)}
+        for part, record in parts.items():
+            for entry in fields(record) if is_dataclass(record) else ():
+                name, value = f"{part}.{entry.name}", getattr(record, entry.name)
+                least = _LEAST.get(name, 1)
+                if entry.name in _COUNTS and value < least:
+                    mistakes.append(f"{name} {value}: must be {least} or more")
+                if entry.name in {"tolerance", "cooling"} and not 0.0 < value < 1.0:
+                    mistakes.append(f"{name} {value:g}: must lie between 0 and 1")
+                if entry.name in {"width", "step"} and not 0.0 < value < math.inf:
+                    mistakes.append(f"{name} {value:g}: must be a positive number")
         if any(count < 2 for counts in self.variable_projection.grid for count in counts):
             mistakes.append("variable_projection.grid: must be two or more of each unknown")
         if mistakes:
             raise UsageError(*(Notice(code="usage.friction-option", text=text) for text in mistakes))
 
 
-_PARTS = ("variable_projection", "root_finding", "nlp", "genetic", "annealing", "evolution")
-_COUNTS = (
-    ("variable_projection", "starts", 1),
-    ("variable_projection", "solves", 1),
-    ("root_finding", "points", 3),
-    ("nlp", "starts", 1),
-    ("nlp", "iterations", 1),
-    ("genetic", "population", 4),
-    ("genetic", "generations", 1),
-    ("annealing", "population", 4),
-    ("annealing", "generations", 1),
-    ("evolution", "population", 2),
-    ("evolution", "generations", 1),
-)
+_COUNTS = frozenset({"starts", "solves", "points", "iterations", "population", "generations"})
+_LEAST = {
+    "root_finding.points": 3,
+    "genetic.population": 4,
+    "annealing.population": 4,
+    "evolution.population": 2,
+}
+"""Of the counts that must be more than one."""
 
 
 _BASIS_RANK = 1e-10
@@ -210,7 +208,7 @@ _BATCH = 10_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FrictionProblem:
+class FrictionProblem(FrozenArrays):
     """What is to be minimised.
 
     Args:
@@ -218,7 +216,7 @@ class FrictionProblem:
         target: y (M,), N m or N.
         basis: (M, r) orthonormal, of the columns beside friction behind R.
         low, high: (s,) of the shape values; equal where one is fixed.
-        size: (p,) the most that a linear parameter may be where a search needs a bound.
+        lower, upper: (p,) of linear parameters, which only bounded searches keep.
     """
 
     samples: FrictionSamples
@@ -227,34 +225,18 @@ class FrictionProblem:
     basis: FloatArray
     low: FloatArray
     high: FloatArray
-    size: FloatArray
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("target", "basis", "low", "high", "size"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
+    lower: FloatArray
+    upper: FloatArray
 
     @property
-    def is_free(self) -> FloatArray:
-        """Return which shape values are searched: (s,), one or zero."""
-        return (self.high > self.low).astype(np.float64)
+    def is_free(self) -> NDArray[np.bool_]:
+        """Return which shape values are searched: (s,)."""
+        return np.asarray(self.high > self.low)
 
     @property
-    def is_logarithmic(self) -> FloatArray:
-        """Return which shape values are searched by their logarithm: (s,), one or zero."""
-        return (self.low > 0.0).astype(np.float64)
-
-    @property
-    def lower(self) -> FloatArray:
-        """Return the least linear parameters that a bounded search may try: (p,)."""
-        bounds = np.array([entry.lower for entry in self.law.linear])
-        return np.asarray(np.maximum(bounds, -self.size))
-
-    @property
-    def upper(self) -> FloatArray:
-        """Return the greatest linear parameters that a bounded search may try: (p,)."""
-        bounds = np.array([entry.upper for entry in self.law.linear])
-        return np.asarray(np.minimum(bounds, self.size))
+    def is_logarithmic(self) -> NDArray[np.bool_]:
+        """Return which shape values are searched by their logarithm: (s,)."""
+        return np.asarray(self.low > 0.0)
 
     def find_physical_box(self) -> tuple[FloatArray, FloatArray]:
         """Return the least and the greatest physical parameters that a bounded search may try: (p + s,) each.
@@ -271,27 +253,28 @@ class FrictionProblem:
     def encode(self, shape: Sequence[float] | FloatArray) -> FloatArray:
         """Return coordinates z of shape values (..., s): logarithms where they are positive."""
         values = np.array(shape, dtype=np.float64)
-        logarithmic = self.is_logarithmic > 0.0
-        values[..., logarithmic] = np.log(values[..., logarithmic])
+        values[..., self.is_logarithmic] = np.log(values[..., self.is_logarithmic])
         return values
 
     def decode(self, z: FloatArray) -> FloatArray:
         """Return shape values of coordinates z (..., s), between the bounds."""
         values = np.array(z, dtype=np.float64)
-        logarithmic = self.is_logarithmic > 0.0
-        values[..., logarithmic] = np.exp(values[..., logarithmic])
+        values[..., self.is_logarithmic] = np.exp(values[..., self.is_logarithmic])
         return np.clip(values, self.low, self.high)
 
     def find_columns(self, shape: Sequence[float] | FloatArray) -> FloatArray:
         """Return Q_x Phi_R: (M, p)."""
         columns = compute_columns(self.law, self.samples.inputs, [float(value) for value in shape])
-        return self._eliminate(self.samples.pass_columns(columns))
+        return self.eliminate(self.samples.pass_columns(columns))
 
     def find_rates(self, shape: Sequence[float] | FloatArray, linear: FloatArray) -> FloatArray:
         """Return the derivatives of Q_x Phi_R linear by the shape values: (M, s)."""
         rates = compute_column_derivatives(self.law, self.samples.inputs, [float(value) for value in shape])
-        torque_rates = np.einsum("nps,p->ns", rates, linear)
-        return self._eliminate(self.samples.pass_columns(torque_rates))
+        return self.eliminate(self.samples.pass_columns(np.einsum("nps,p->ns", rates, linear)))
+
+    def eliminate(self, columns: FloatArray) -> FloatArray:
+        """Return columns behind R (M, c), or one of them (M,), less their parts in those beside friction."""
+        return columns - self.basis @ (self.basis.T @ columns)
 
     def find_objectives(self, linear: FloatArray, shape: FloatArray) -> FloatArray:
         """Return J of many candidates, linear (P, p) and shape (P, s): (P,)."""
@@ -316,9 +299,6 @@ class FrictionProblem:
             # |(1 - B B') e|^2 = |e|^2 - |B' e|^2, for y has no part in B.
             total = total - np.sum((errors @ self.basis) ** 2, axis=1)
         return np.maximum(total, 0.0)
-
-    def _eliminate(self, columns: FloatArray) -> FloatArray:
-        return columns - self.basis @ (self.basis.T @ columns)
 
 
 def build_problem(samples: FrictionSamples, law: FrictionLaw, options: FrictionOptions) -> FrictionProblem:
@@ -348,9 +328,10 @@ def build_problem(samples: FrictionSamples, law: FrictionLaw, options: FrictionO
         text = f"joint {samples.joint!r}: {len(torque)} rows cannot tell {unknowns} unknowns"
         raise IdentifiabilityError(Notice(code="friction.few-rows", text=text))
     low, high = _list_bounds(law, speeds, options)
-    columns = compute_columns(law, samples.inputs, _compute_middle(low, high))
-    reach = np.max(np.abs(columns), axis=0)
-    largest = float(np.max(np.abs(samples.torque)))
+    middle = np.where(low > 0.0, np.sqrt(np.abs(low * high)), 0.5 * (low + high))
+    reach = np.max(np.abs(compute_columns(law, samples.inputs, middle.tolist())), axis=0)
+    largest = max(float(np.max(np.abs(samples.torque))), 1e-300)
+    size = options.reach * largest / np.where(reach > 0.0, reach, 1.0)
     return FrictionProblem(
         samples=samples,
         law=law,
@@ -358,14 +339,9 @@ def build_problem(samples: FrictionSamples, law: FrictionLaw, options: FrictionO
         basis=basis,
         low=low,
         high=high,
-        size=options.reach * max(largest, 1e-300) / np.where(reach > 0.0, reach, 1.0),
+        lower=np.maximum([entry.lower for entry in law.linear], -size),
+        upper=np.minimum([entry.upper for entry in law.linear], size),
     )
-
-
-def _compute_middle(low: FloatArray, high: FloatArray) -> list[float]:
-    return [
-        float(np.sqrt(a * b)) if a > 0.0 else float(0.5 * (a + b)) for a, b in zip(low, high, strict=True)
-    ]
 
 
 def _compute_basis(columns: FloatArray) -> FloatArray:
@@ -463,9 +439,31 @@ class Projector:
     def find_jacobian(self, state: Projection) -> FloatArray:
         """Return Kaufman's Jacobian by the coordinates z: (M, s)."""
         rates = self.problem.find_rates(state.shape, state.linear)
-        rates = rates * np.where(self.problem.is_logarithmic > 0.0, state.shape, 1.0)
+        rates = rates * np.where(self.problem.is_logarithmic, state.shape, 1.0)
         jacobian: FloatArray = state.basis @ (state.basis.T @ rates) - rates
         return jacobian
+
+    def build_search(
+        self,
+        state: Projection,
+        history: Sequence[float],
+        outcome: Ending,
+        ended: str,
+        settings: tuple[tuple[str, float | int | str], ...] = (),
+    ) -> FrictionSearch:
+        """Return the end of a search at `state`."""
+        return FrictionSearch(
+            linear=state.linear,
+            shape=state.shape,
+            objective=state.objective,
+            evaluations=self.evaluations,
+            solves=self.solves,
+            iterations=len(history) - 1,
+            history=tuple(history),
+            outcome=outcome,
+            ended=ended,
+            settings=settings,
+        )
 
     def find_side_gain(self, state: Projection, place: int, side: float) -> float:
         """Return how much less J would be at the least of its parabola on one side of a shape value.

@@ -1,37 +1,28 @@
-"""The result of an identification of friction: joint by joint, as a JSON file, as robot files have it.
+"""The result of an identification of friction: joint by joint, and as robot files have it.
 
-Fits, choices, tests -> FrictionIdentification <-> file; JointFriction -> FrictionValues, or why there are
-none.
+Fits, choices, tests -> FrictionIdentification; JointFriction -> FrictionValues, or why there are none.
 
 Robot files name what friction has beyond its Coulomb level, as the columns of the laws do:
 
     Fe = fS - fC,    offset = fP where friction has no zone about standstill
 
-Supported: format 1, SI units; a number that is not finite is written as null and read as infinite; export
-of all laws whose columns are those of a model of robot files.
+Supported: export of all laws whose columns are those of a model of robot files.
 Not supported: export of laws of load or position, of an offset beside a model that has none, of refused
 values.
 """
 
-import json
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, asdict, dataclass, fields, is_dataclass
-from enum import Enum
-from pathlib import Path
-from types import NoneType, UnionType
-from typing import TYPE_CHECKING, Union, cast, get_args, get_origin, get_type_hints
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple, final
 
-import numpy as np
-
-from symid.errors import EstimateError, Notice, UsageError
-from symid.identification.estimators import Residual
+from symid.codegen import ModelCard
+from symid.identification.estimators import FitRecord, Residual
 from symid.identification.friction.estimate import FrictionEstimate
 from symid.identification.friction.poses import PoseTest
 from symid.identification.friction.samples import VelocityMap
 from symid.identification.friction.selection import LawSelection
-from symid.identification.rigid import write_file
 from symid.joint_models import FrictionLaw, get_law
 from symid.robot import (
     FRICTION_PARAMETERS,
@@ -43,12 +34,6 @@ from symid.robot import (
     ShapeKey,
     override_robot,
 )
-
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
-_FORMAT = "symid friction result"
-_VERSION = 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -90,79 +75,36 @@ class JointFriction:
         return f"<JointFriction {self.joint}: {self.estimate.law}; {values}>"
 
 
+@final
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FrictionIdentification:
-    """Friction of all joints that move.
+class FrictionIdentification(FitRecord):
+    """Friction of all joints that move; `refused` names the other joints.
 
     Args:
-        robot: its name; signature: of its model.
         model: the law asked for, or "auto"; estimator: how laws were fitted.
         joints: those whose friction shows.
-        refused: the others, with the reason.
-        sources: the logs; settings: processing, log map and options, after overrides.
-        notices: what a reader should know.
     """
 
-    robot: str
-    signature: str
+    kind: ClassVar[str] = "friction"
     model: str
     estimator: str
     joints: tuple[JointFriction, ...]
-    refused: tuple[tuple[str, str], ...]
-    sources: tuple[str, ...]
-    settings: Mapping[str, object]
-    notices: tuple[Notice, ...]
 
+    def list_mistakes(self) -> list[str]:
+        """Return what is wrong with a record from a file: arrays that do not fit a law or each other.
 
-def write_friction_result(result: FrictionIdentification, path: Path) -> Path:
-    """Write the result to `path` as JSON and return the path.
+        Raises:
+            UsageError: there is no law of this name.
+        """
+        mistakes = [text for joint in self.joints for text in _list_mistakes(joint)]
+        return mistakes if self.joints else ["joints is empty"]
 
-    Raises:
-        OutputError: the file cannot be written.
-    """
-    data = {"format": _FORMAT, "version": _VERSION, **asdict(result)}
-    text = json.dumps(_write_plain(data), indent=1, allow_nan=False, ensure_ascii=False)
-    return write_file(path, text + "\n")
-
-
-def read_friction_result(path: Path) -> FrictionIdentification:
-    """Return the result stored at `path`.
-
-    Raises:
-        EstimateError: there is no such file, or it holds something else.
-    """
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise _refuse(path, f"cannot be read: {error.strerror}") from error
-    except (ValueError, RecursionError) as error:
-        raise _refuse(path, f"not JSON: {error}") from error
-    if not isinstance(data, dict) or data.get("format") != _FORMAT:
-        raise _refuse(path, "this is JSON, but no friction of a robot written by symid")
-    if data.get("version") != _VERSION:
-        raise _refuse(path, f"version {data.get('version')!r} of the format; this symid reads {_VERSION}")
-    try:
-        body = {key: value for key, value in data.items() if key not in {"format", "version"}}
-        result = cast("FrictionIdentification", _read(FrictionIdentification, body, "result"))
-        mistakes = [text for joint in result.joints for text in _list_mistakes(joint)]
-    except UsageError as error:
-        raise _refuse(path, "; ".join(entry.text for entry in error.notices)) from error
-    except (TypeError, ValueError, KeyError, AttributeError, OverflowError) as error:
-        raise _refuse(path, str(error)) from error
-    if not result.joints:
-        mistakes.append("result.joints is empty")
-    if mistakes:
-        raise EstimateError(*(_build_notice(path, text) for text in mistakes))
-    return result
-
-
-def is_friction_result(path: Path) -> bool:
-    """Return whether `path` holds friction of a robot, whatever else may be wrong with it."""
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return False
-    return isinstance(data, dict) and data.get("format") == _FORMAT
+    def list_strangers(self, card: ModelCard) -> list[str]:
+        """Return joints that are not those of the model, each once."""
+        known, given = [joint.name for joint in card.joints], [entry.joint for entry in self.joints]
+        wrong = [name for name in dict.fromkeys(given) if name not in known or given.count(name) > 1]
+        names = ", ".join(map(repr, wrong))
+        return [f"{names} must be joints of robot {card.robot!r}, each once"] if wrong else []
 
 
 def _list_mistakes(joint: JointFriction) -> list[str]:
@@ -206,89 +148,6 @@ def _list_mistakes(joint: JointFriction) -> list[str]:
     return mistakes
 
 
-def _refuse(path: Path, text: str) -> EstimateError:
-    return EstimateError(_build_notice(path, text))
-
-
-def _build_notice(path: Path, text: str) -> Notice:
-    return Notice(code="estimate.format", text=text, file=str(path))
-
-
-def _write_plain(value: object) -> object:
-    match value:
-        case float():
-            return value if math.isfinite(value) else None
-        case Enum():
-            return value.name
-        case np.ndarray():
-            return [_write_plain(entry) for entry in value.tolist()]
-        case Mapping():
-            return {str(key): _write_plain(entry) for key, entry in value.items()}
-        case tuple() | list():
-            return [_write_plain(entry) for entry in value]
-    return value
-
-
-def _read(kind: type, value: object, where: str) -> object:
-    """Return `value`, as JSON has it, as the type `kind` of a product; `where` it stands, for messages."""
-    if is_dataclass(kind):
-        return _read_record(kind, value, where)
-    arguments, origin = get_args(kind), get_origin(kind)
-    if origin in {Union, UnionType}:
-        if NoneType in arguments:
-            inner = next(entry for entry in arguments if entry is not NoneType)
-            return None if value is None else _read(inner, value, where)
-        return _expect(value, arguments, where)
-    if origin is tuple:
-        return _read_tuple(arguments, _expect_list(value, where), where)
-    if origin is np.ndarray:
-        return np.array(
-            [_read(float, entry, where) for entry in _expect_list(value, where)], dtype=np.float64
-        )
-    if origin is not None and issubclass(origin, Mapping):
-        return _expect(value, (dict,), where)
-    if issubclass(kind, Enum):
-        return kind[str(_expect(value, (str,), where))]
-    if kind is float:
-        return math.inf if value is None else float(cast("float", _expect(value, (int, float), where)))
-    return _expect(value, (kind,), where)
-
-
-def _expect(value: object, kinds: tuple[type, ...], where: str) -> object:
-    if not isinstance(value, kinds) or (isinstance(value, bool) and bool not in kinds):
-        names = " or ".join(kind.__name__ for kind in kinds)
-        message = f"{where}: expected {names}, got {value!r:.60}"
-        raise TypeError(message)
-    return value
-
-
-def _expect_list(value: object, where: str) -> list[object]:
-    return cast("list[object]", _expect(value, (list,), where))
-
-
-def _read_tuple(arguments: tuple[object, ...], entries: list[object], where: str) -> tuple[object, ...]:
-    if arguments[-1] is Ellipsis:
-        return tuple(_read(cast("type", arguments[0]), entry, where) for entry in entries)
-    if len(entries) != len(arguments):
-        message = f"{where}: expected {len(arguments)} entries, got {len(entries)}"
-        raise ValueError(message)
-    pairs = zip(arguments, entries, strict=True)
-    return tuple(_read(cast("type", kind), entry, where) for kind, entry in pairs)
-
-
-def _read_record(kind: type, value: object, where: str) -> object:
-    table = cast("dict[str, object]", _expect(value, (dict,), where))
-    hints = get_type_hints(kind)
-    known = fields(cast("type[DataclassInstance]", kind))
-    needed = {entry.name for entry in known if entry.default is MISSING and entry.default_factory is MISSING}
-    wrong = [f"{name} is missing" for name in sorted(needed - table.keys())]
-    wrong += [f"{name} is unknown" for name in sorted(table.keys() - {entry.name for entry in known})]
-    if wrong:
-        message = f"{where}: {', '.join(wrong)}"
-        raise ValueError(message)
-    return kind(**{name: _read(hints[name], entry, f"{where}.{name}") for name, entry in table.items()})
-
-
 _EXPONENT = r"(?:-(?P<gamma>exponent|[\d.e-]+))?"
 _NAMES = {"Fs": "Fe", "Fv2": "Fvq", "Fv3": "Fvc"}
 _WITHOUT_ZONE = {"Fs": "Fe", "Fp": "offset"}
@@ -296,58 +155,30 @@ _TUSTIN = "1"
 _GAUSSIAN = "2"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Family:
+class _Family(NamedTuple):
     """Laws that a model can say: a pattern of their names, the model, that with an offset, other names."""
 
     pattern: str
     kind: FrictionKind | CurvedFriction
     with_offset: FrictionKind | CurvedFriction | None = None
-    names: Mapping[str, str]
+    names: Mapping[str, str] = _NAMES
     gamma: str = _GAUSSIAN
     has_sign: bool = True
 
 
 _FAMILIES = (
-    _Family(
-        pattern=r"coulomb(?:-viscous)?",
-        kind=FrictionKind.VISCOUS_COULOMB,
-        with_offset=FrictionKind.VISCOUS_COULOMB_OFFSET,
-        names={},
-    ),
-    _Family(pattern=r"coulomb-viscous-offset", kind=FrictionKind.VISCOUS_COULOMB_OFFSET, names={}),
-    _Family(pattern=r"asymmetric", kind=FrictionKind.ASYMMETRIC, names={}),
-    _Family(
-        pattern=r"tustin",
-        kind=CurvedFriction.STRIBECK,
-        with_offset=CurvedFriction.STRIBECK_OFFSET,
-        names=_NAMES,
-        gamma=_TUSTIN,
-    ),
-    _Family(
-        pattern=rf"stribeck{_EXPONENT}",
-        kind=CurvedFriction.STRIBECK,
-        with_offset=CurvedFriction.STRIBECK_OFFSET,
-        names=_NAMES,
-    ),
-    _Family(
-        pattern=rf"improved-stribeck-h3{_EXPONENT}",
-        kind=CurvedFriction.STRIBECK_OFFSET,
-        names=_WITHOUT_ZONE,
-    ),
-    _Family(
-        pattern=rf"improved-stribeck{_EXPONENT}",
-        kind=CurvedFriction.IMPROVED_STRIBECK,
-        names=_NAMES,
-        has_sign=False,
-    ),
-    _Family(
-        pattern=rf"asymmetric-stribeck{_EXPONENT}", kind=CurvedFriction.ASYMMETRIC_STRIBECK, names=_NAMES
-    ),
-    _Family(pattern=r"cubic|polynomial-(?:2|3|2,3|3,2)", kind=CurvedFriction.CUBIC, names=_NAMES),
-    _Family(pattern=rf"stribeck{_EXPONENT}\+cubic", kind=CurvedFriction.STRIBECK_CUBIC, names=_NAMES),
-    _Family(pattern=r"power-law", kind=CurvedFriction.POWER_LAW, names={}),
-    _Family(pattern=r"makkar", kind=CurvedFriction.MAKKAR, names={}, has_sign=False),
+    _Family(r"coulomb(?:-viscous)?", FrictionKind.VISCOUS_COULOMB, FrictionKind.VISCOUS_COULOMB_OFFSET),
+    _Family(r"coulomb-viscous-offset", FrictionKind.VISCOUS_COULOMB_OFFSET),
+    _Family(r"asymmetric", FrictionKind.ASYMMETRIC),
+    _Family(r"tustin", CurvedFriction.STRIBECK, CurvedFriction.STRIBECK_OFFSET, gamma=_TUSTIN),
+    _Family(rf"stribeck{_EXPONENT}", CurvedFriction.STRIBECK, CurvedFriction.STRIBECK_OFFSET),
+    _Family(rf"improved-stribeck-h3{_EXPONENT}", CurvedFriction.STRIBECK_OFFSET, names=_WITHOUT_ZONE),
+    _Family(rf"improved-stribeck{_EXPONENT}", CurvedFriction.IMPROVED_STRIBECK, has_sign=False),
+    _Family(rf"asymmetric-stribeck{_EXPONENT}", CurvedFriction.ASYMMETRIC_STRIBECK),
+    _Family(r"cubic|polynomial-(?:2|3|2,3|3,2)", CurvedFriction.CUBIC),
+    _Family(rf"stribeck{_EXPONENT}\+cubic", CurvedFriction.STRIBECK_CUBIC),
+    _Family(r"power-law", CurvedFriction.POWER_LAW),
+    _Family(r"makkar", CurvedFriction.MAKKAR, has_sign=False),
 )
 
 

@@ -16,13 +16,15 @@ position.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, FrozenArrays, freeze_fields
 from symid.errors import LogError, Notice
-from symid.logs import decimate_columns
+from symid.logs import decimate
 from symid.robot import Decimation
 
 Reduction = Callable[[FloatArray], FloatArray]
@@ -68,14 +70,28 @@ class FrictionSamples:
 
     def __post_init__(self) -> None:
         """Copy the arrays, make them read-only, check them."""
-        for name in ("time", "velocity", "torque", "extra", "load", "position"):
-            values = getattr(self, name)
-            if values is not None:
-                object.__setattr__(self, name, freeze(values))
+        freeze_fields(self)
         run = np.array(np.zeros(len(self.time)) if self.run is None else self.run, dtype=np.int64)
         run.setflags(write=False)
         object.__setattr__(self, "run", run)
-        mistakes = _list_mistakes(self)
+        joint, count, mistakes = f"joint {self.joint!r}", len(self.velocity), []
+        if count == 0:
+            mistakes.append(f"{joint}: there are no samples")
+        for name in ("time", "velocity", "torque", "load", "position", "run"):
+            values = getattr(self, name)
+            if values is not None and values.shape != (count,):
+                mistakes.append(f"{joint}: {name} has shape {values.shape}, not ({count},)")
+        wide = (count, len(self.extra_names))
+        if self.extra.shape != wide:
+            mistakes.append(f"{joint}: extra has shape {self.extra.shape}, not {wide}")
+        if len(self.extra_units) not in {0, len(self.extra_names)}:
+            mistakes.append(f"{joint}: extra_units must be one for each of extra_names, or none")
+        for name in ("time", "velocity", "torque", "extra", "load", "position"):
+            values = getattr(self, name)
+            if values is not None and not np.all(np.isfinite(values)):
+                mistakes.append(f"{joint}: {name} holds numbers that are not finite")
+        if self.noise is not None and not 0.0 < self.noise < np.inf:
+            mistakes.append(f"{joint}: noise {self.noise:g} must be positive, or not given")
         if mistakes:
             raise LogError(*(Notice(code="friction.samples", text=text) for text in mistakes))
 
@@ -94,33 +110,23 @@ class FrictionSamples:
         """Return R applied to columns (N, c): (M, c)."""
         return columns if self.reduce is None else self.reduce(columns)
 
-
-def _list_mistakes(samples: FrictionSamples) -> list[str]:
-    mistakes = []
-    count = len(samples.velocity)
-    if count == 0:
-        mistakes.append(f"joint {samples.joint!r}: there are no samples")
-    for name in ("time", "velocity", "torque", "load", "position", "run"):
-        values = getattr(samples, name)
-        if values is not None and values.shape != (count,):
-            mistakes.append(f"joint {samples.joint!r}: {name} has shape {values.shape}, not ({count},)")
-    wide = (count, len(samples.extra_names))
-    if samples.extra.shape != wide:
-        mistakes.append(f"joint {samples.joint!r}: extra has shape {samples.extra.shape}, not {wide}")
-    if samples.extra_units and len(samples.extra_units) != len(samples.extra_names):
-        mistakes.append(f"joint {samples.joint!r}: extra_units must be one for each of extra_names, or none")
-    mistakes += [
-        f"joint {samples.joint!r}: {name} holds numbers that are not finite"
-        for name in ("time", "velocity", "torque", "extra", "load", "position")
-        if getattr(samples, name) is not None and not np.all(np.isfinite(getattr(samples, name)))
-    ]
-    if samples.noise is not None and not 0.0 < samples.noise < np.inf:
-        mistakes.append(f"joint {samples.joint!r}: noise {samples.noise:g} must be positive, or not given")
-    return mistakes
+    def take(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> "FrictionSamples":
+        """Return some of the samples, without R, which belongs to all of them."""
+        return replace(
+            self,
+            time=self.time[index],
+            velocity=self.velocity[index],
+            torque=self.torque[index],
+            extra=self.extra[index],
+            load=None if self.load is None else self.load[index],
+            position=None if self.position is None else self.position[index],
+            run=None if self.run is None else self.run[index],
+            reduce=None,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FrictionRows:
+class FrictionRows(FrozenArrays):
     """Rows of one joint.
 
     Args:
@@ -134,51 +140,31 @@ class FrictionRows:
     extra: FloatArray
     run: NDArray[np.intp]
 
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("time", "velocity", "torque", "extra"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Decimated:
-    """Decimation of each recording by itself."""
-
-    lengths: tuple[int, ...]
-    decimation: Decimation
-
-    def __call__(self, columns: FloatArray) -> FloatArray:
-        parts = np.split(columns, np.cumsum(self.lengths)[:-1])
-        return np.vstack([decimate_columns(part, self.decimation) for part in parts])
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Selected:
-    """Some of the rows that another reduction leaves."""
-
-    whole: Reduction
-    kept: NDArray[np.intp]
-
-    def __call__(self, columns: FloatArray) -> FloatArray:
-        chosen: FloatArray = self.whole(columns)[self.kept]
-        return chosen
-
 
 def build_reduction(lengths: Sequence[int], decimation: Decimation) -> Reduction | None:
     """Return the operator that decimates recordings of these numbers of samples; None for no decimation."""
     if decimation.factor == 1:
         return None
-    return _Decimated(lengths=tuple(lengths), decimation=decimation)
+    return partial(_decimate_parts, ends=tuple(accumulate(lengths)), decimation=decimation)
+
+
+def _decimate_parts(columns: FloatArray, ends: tuple[int, ...], decimation: Decimation) -> FloatArray:
+    """Return columns (N, c) decimated, each recording, up to one of `ends`, by itself."""
+    parts = np.split(columns, ends[:-1])
+    return np.vstack([decimate(part, decimation) for part in parts])
+
+
+def _pass_some(columns: FloatArray, whole: Reduction, kept: NDArray[np.intp]) -> FloatArray:
+    """Return some of the rows that another reduction leaves."""
+    chosen: FloatArray = whole(columns)[kept]
+    return chosen
 
 
 def build_friction_rows(samples: FrictionSamples) -> FrictionRows:
     """Return the rows that the samples are fitted as."""
-    ones = np.ones(samples.count)
-    run = np.zeros(samples.count) if samples.run is None else samples.run
-    columns: FloatArray = np.column_stack(
-        [ones, samples.time, samples.velocity, run, samples.torque, samples.extra]
-    )
-    passed = samples.pass_columns(columns)
+    ones, run = np.ones(samples.count), np.asarray(samples.run, dtype=np.float64)
+    columns = [ones, samples.time, samples.velocity, run, samples.torque, samples.extra]
+    passed = samples.pass_columns(np.column_stack(columns))
     # A filter whose gain at rest is not one scales constants, which say where a row is.
     gain = passed[:, 0]
     return FrictionRows(
@@ -192,19 +178,9 @@ def build_friction_rows(samples: FrictionSamples) -> FrictionRows:
 
 def select_friction_rows(samples: FrictionSamples, kept: NDArray[np.bool_]) -> FrictionSamples:
     """Return the samples with only the rows `kept` (M,)."""
-    index = np.flatnonzero(kept)
-    if samples.reduce is not None:
-        return replace(samples, reduce=_Selected(whole=samples.reduce, kept=index))
-    return replace(
-        samples,
-        time=samples.time[index],
-        velocity=samples.velocity[index],
-        torque=samples.torque[index],
-        extra=samples.extra[index],
-        load=None if samples.load is None else samples.load[index],
-        position=None if samples.position is None else samples.position[index],
-        run=None if samples.run is None else samples.run[index],
-    )
+    if samples.reduce is None:
+        return samples.take(kept)
+    return replace(samples, reduce=partial(_pass_some, whole=samples.reduce, kept=np.flatnonzero(kept)))
 
 
 INTERVALS = 20
@@ -216,7 +192,7 @@ CLOUD = 600
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class VelocityMap:
+class VelocityMap(FrozenArrays):
     """Friction torque in intervals of velocity.
 
     Args:
@@ -234,11 +210,6 @@ class VelocityMap:
     cloud_torque: FloatArray
     slowest: float = 0.0
 
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        for name in ("velocity", "torque", "spread", "count", "cloud_velocity", "cloud_torque"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
-
 
 def compute_velocity_map(
     samples: FrictionSamples, other: FloatArray | tuple[float, ...] = (), *, intervals: int = INTERVALS
@@ -252,21 +223,14 @@ def compute_velocity_map(
     """
     rows = build_friction_rows(samples)
     torque = rows.torque - rows.extra @ np.asarray(other, dtype=np.float64)
-    parts: list[tuple[float, float, float, float]] = []
+    parts: list[tuple[np.floating, np.floating, np.floating, int]] = []
     for direction in (-1.0, 1.0):
         index = np.flatnonzero(direction * rows.velocity > 0.0)
         order = index[np.argsort(rows.velocity[index], kind="stable")]
         count = min(intervals, len(order) // LEAST_ROWS)
         for group in np.array_split(order, count) if count else ():
             values = torque[group]
-            parts.append(
-                (
-                    float(np.mean(rows.velocity[group])),
-                    float(np.mean(values)),
-                    float(np.std(values)),
-                    float(len(group)),
-                )
-            )
+            parts.append((np.mean(rows.velocity[group]), np.mean(values), np.std(values), len(group)))
     table = np.array(parts).reshape(-1, 4)
     kept = np.unique(np.linspace(0, len(torque) - 1, min(CLOUD, len(torque))).astype(int))
     return VelocityMap(

@@ -152,6 +152,15 @@ def predict_rows(samples: FrictionSamples, law: FrictionLaw, estimate: FrictionE
     return found
 
 
+def compute_relative_residual(
+    samples: FrictionSamples, law: FrictionLaw, estimate: FrictionEstimate
+) -> float:
+    """Return what an estimate leaves of the rows of `samples`, in percent of their norm."""
+    torque = build_friction_rows(samples).torque
+    left = torque - predict_rows(samples, law, estimate)
+    return 100.0 * float(np.linalg.norm(left) / np.linalg.norm(torque))
+
+
 def select_law(
     samples: FrictionSamples,
     names: Sequence[str] = CANDIDATE_LAWS,
@@ -188,15 +197,17 @@ def select_law(
         text = f"joint {samples.joint!r}: no law can be fitted to this log: {reasons}"
         raise IdentifiabilityError(Notice(code="friction.no-law", text=text))
     scores, best, chosen = _choose(samples, scores, options)
-    baseline = _get_baseline(scores)
+    baseline = next((score for score in scores if score.law.name == _BASELINE), None)
     trials = [_describe(score, best, baseline, rows, number) for score in scores]
-    trials += [
-        LawTrial(law=name, unknowns=_count_unknowns(name), reason=reason) for name, reason in failed.items()
-    ]
+    for name, reason in failed.items():
+        law = get_law(name)
+        trials.append(LawTrial(law=name, unknowns=len(law.linear) + len(law.shape), reason=reason))
+    trials.sort(key=lambda trial: np.inf if trial.held_percent is None else trial.held_percent)
+    unit = "N" if samples.prismatic else "N m"
     return LawSelection(
-        trials=tuple(sorted(trials, key=_get_rank)),
+        trials=tuple(trials),
         chosen=chosen.law.name,
-        verdict=_write_verdict(samples, scores, chosen, best, int(np.sum(number >= 0))),
+        verdict=_write_verdict(scores, chosen, best, baseline, held=int(np.sum(number >= 0)), unit=unit),
         blocks=int(number.max()) + 1,
     )
 
@@ -229,19 +240,6 @@ def _choose(
                 tried[place] = replace(score, estimate=full)
 
 
-def _get_baseline(scores: Sequence[_Score]) -> _Score | None:
-    return next((score for score in scores if score.law.name == _BASELINE), None)
-
-
-def _get_rank(trial: LawTrial) -> float:
-    return float("inf") if trial.held_percent is None else trial.held_percent
-
-
-def _count_unknowns(name: str) -> int:
-    law = get_law(name)
-    return len(law.linear) + len(law.shape)
-
-
 def _try_law(
     samples: FrictionSamples,
     law: FrictionLaw,
@@ -266,15 +264,12 @@ def _narrow(law: FrictionLaw, whole: FrictionEstimate, options: FrictionOptions)
     if not law.shape:
         return options
     bounds = {
-        entry.name: (
-            max(entry.lower, value / _NARROW),
-            min(entry.upper, value * _NARROW),
-        )
+        entry.name: (max(entry.lower, value / _NARROW), min(entry.upper, value * _NARROW))
         for entry, value in zip(law.shape, whole.shape, strict=True)
         if value > 0.0
     }
-    wanted = dict(options.bounds)
-    return replace(options, bounds=tuple({**bounds, **wanted}.items()), variable_projection=_PART)
+    bounds |= dict(options.bounds)
+    return replace(options, bounds=tuple(bounds.items()), variable_projection=_PART)
 
 
 def _leave_guard(held: NDArray[np.bool_], run: NDArray[np.intp]) -> NDArray[np.bool_]:
@@ -316,16 +311,10 @@ def _describe(
 
 
 def _write_verdict(
-    samples: FrictionSamples,
-    scores: Sequence[_Score],
-    chosen: _Score,
-    best: _Score,
-    held: int,
+    scores: Sequence[_Score], chosen: _Score, best: _Score, baseline: _Score | None, *, held: int, unit: str
 ) -> str:
     """Return why the law was taken, in sentences."""
-    baseline = _get_baseline(scores)
     untold = any(score.untold and score.errors.sum() < best.errors.sum() for score in scores)
-    unit = "N" if samples.prismatic else "N m"
 
     def rms(score: _Score) -> float:
         return float(np.sqrt(score.errors.sum() / held))

@@ -12,7 +12,6 @@ Not supported: mean periods; the rows of the log are taken one by one.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,8 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray
 from symid.codegen import Library, ModelCard
 from symid.errors import EstimateError, IdentifiabilityError, Notice
-from symid.identification.estimators import Residual, Series, Validation
+from symid.identification.diagnostics import warn_of_fitted_log
+from symid.identification.estimators import Residual, Series, Validation, check_model
 from symid.identification.friction.extraction import (
     JointLogs,
     RigidColumns,
@@ -30,7 +30,6 @@ from symid.identification.friction.extraction import (
 )
 from symid.identification.friction.results import FrictionIdentification, JointFriction
 from symid.identification.friction.samples import (
-    FrictionRows,
     FrictionSamples,
     build_friction_rows,
     build_reduction,
@@ -46,11 +45,7 @@ _BEYOND = 1.05
 """Speed relative to the fastest that was fitted from which a law is extrapolated."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _JointValidation:
-    residual: Residual
-    series: Series
-    notices: tuple[Notice, ...]
+_Trial = tuple[Residual, Series, tuple[Notice, ...]]
 
 
 def validate_friction(
@@ -69,10 +64,10 @@ def validate_friction(
         LogError: the recording does not fit the robot.
         IdentifiabilityError: nothing can be said of any joint.
     """
-    check_friction_model(found, library.card)
+    check_model(found, library.card)
     beta = read_known_parameters(found, library.card)
     logs = prepare_joint_logs(library, (recording,), processing)
-    trials: list[_JointValidation] = []
+    trials: list[_Trial] = []
     lost: list[Notice] = []
     for entry in found.joints:
         try:
@@ -81,61 +76,21 @@ def validate_friction(
             lost += error.notices
     if not trials:
         raise IdentifiabilityError(*lost)
+    residuals, series, notices = zip(*trials, strict=True)
     fitted = is_log_of_fit(recording, found.sources, found.settings)
+    if fitted:
+        lost.insert(0, warn_of_fitted_log(recording.source, "friction"))
     return Validation(
         robot=found.robot,
         signature=found.signature,
         source=recording.source,
         rows="friction",
-        residual=tuple(trial.residual for trial in trials),
-        series=tuple(trial.series for trial in trials),
-        samples=sum(trial.residual.samples for trial in trials),
+        residual=residuals,
+        series=series,
+        samples=sum(residual.samples for residual in residuals),
         fitted=fitted,
-        notices=(
-            *([_warn_of_fitted_log(recording.source)] if fitted else []),
-            *lost,
-            *(notice for trial in trials for notice in trial.notices),
-        ),
+        notices=(*lost, *(notice for part in notices for notice in part)),
     )
-
-
-def check_friction_model(found: FrictionIdentification, card: ModelCard, file: str = "") -> None:
-    """Check that friction was identified with the model of `card`.
-
-    Raises:
-        EstimateError: with another one; the message says which.
-    """
-    check_friction_robot(found, card.robot, file)
-    if found.signature != card.signature:
-        difference = (
-            f"the model of robot {card.robot!r} is another one now: its signature is {card.signature[:12]}, "
-            f"the friction's {found.signature[:12]}"
-        )
-        raise _refuse_model(difference, file)
-    known, given = [joint.name for joint in card.joints], [entry.joint for entry in found.joints]
-    wrong = [name for name in dict.fromkeys(given) if name not in known or given.count(name) > 1]
-    if wrong:
-        difference = f"{', '.join(map(repr, wrong))} must be joints of robot {card.robot!r}, each once"
-        raise _refuse_model(difference, file)
-
-
-def check_friction_robot(found: FrictionIdentification, robot: str, file: str = "") -> None:
-    """Check that friction was identified for the robot of this name.
-
-    Raises:
-        EstimateError: for another one.
-    """
-    if found.robot != robot:
-        difference = f"it was identified for robot {found.robot!r}, the robot given is {robot!r}"
-        raise _refuse_model(difference, file)
-
-
-def _refuse_model(difference: str, file: str) -> EstimateError:
-    text = (
-        f"the friction does not fit the model: {difference}; give the robot file that it was identified "
-        "with, or identify again"
-    )
-    return EstimateError(Notice(code="estimate.signature", text=text, file=file))
 
 
 def read_known_parameters(found: FrictionIdentification, card: ModelCard) -> FloatArray | None:
@@ -158,7 +113,7 @@ def read_known_parameters(found: FrictionIdentification, card: ModelCard) -> Flo
 
 def _validate_joint(
     entry: JointFriction, library: Library, logs: JointLogs, beta: FloatArray | None
-) -> _JointValidation:
+) -> _Trial:
     """Return what the friction of a joint explains.
 
     Raises:
@@ -172,27 +127,17 @@ def _validate_joint(
     samples, told = _choose_rows(samples, entry, law, logs.processing.standstill)
     rows = build_friction_rows(samples)
     predicted = predict_rows(samples, law, entry.estimate)
-    norm, whole = (float(np.linalg.norm(part)) for part in (rows.torque - predicted, rows.torque))
-    return _JointValidation(
-        residual=Residual(
-            joint=entry.joint,
-            norm=norm,
-            relative_percent=100.0 * norm / whole if whole else float("inf"),
-            std=norm / float(np.sqrt(len(predicted))),
-            samples=len(predicted),
-            unit=entry.unit,
-        ),
-        series=Series(
-            joint=entry.joint,
-            unit=entry.unit,
-            velocity_unit=entry.velocity_unit,
-            time=rows.time,
-            velocity=rows.velocity,
-            measured=rows.torque,
-            predicted=predicted,
-        ),
-        notices=(*notices, *told),
+    residual = Residual.measure(entry.joint, rows.torque - predicted, rows.torque, entry.unit)
+    series = Series(
+        joint=entry.joint,
+        unit=entry.unit,
+        velocity_unit=entry.velocity_unit,
+        time=rows.time,
+        velocity=rows.velocity,
+        measured=rows.torque,
+        predicted=predicted,
     )
+    return residual, series, (*notices, *told)
 
 
 def _build_samples(
@@ -309,7 +254,7 @@ def _choose_rows(
     rows = build_friction_rows(samples)
     own = {parameter.name for parameter in law.physical}
     refused = [name for name, _ in entry.estimate.refused if name in own]
-    inside = _mask_inside(rows, entry)
+    inside, far = _compare_speeds(rows.velocity, entry)
     moving = np.abs(rows.velocity) >= standstill
     kept = moving & inside if refused else moving
     joint = f"joint {entry.joint!r}"
@@ -324,49 +269,29 @@ def _choose_rows(
             f"speeds that were fitted; {outside} of {len(kept)} rows at others were left out"
         )
         notices.append(Notice(code="validate.friction-refused", text=text))
-    else:
-        far = int(np.sum(moving & _mask_far(rows, entry)))
-        if far:
-            text = (
-                f"{joint}: {far} of {len(kept)} rows are faster than all that was fitted, or in a direction "
-                "that was not: the law is extrapolated there"
-            )
-            notices.append(Notice(code="validate.friction-range", text=text))
+    elif beyond := int(np.sum(moving & far)):
+        text = (
+            f"{joint}: {beyond} of {len(kept)} rows are faster than all that was fitted, or in a direction "
+            "that was not: the law is extrapolated there"
+        )
+        notices.append(Notice(code="validate.friction-range", text=text))
     return (samples if kept.all() else select_friction_rows(samples, kept)), tuple(notices)
 
 
-def _measure_reach(entry: JointFriction, direction: float) -> tuple[float, float]:
-    """Return the slowest and the fastest speed that was fitted in a direction; an empty range for none."""
+def _compare_speeds(
+    velocity: FloatArray, entry: JointFriction
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which rows (M,) move within the speeds that were fitted in their direction, and which faster."""
     known = np.concatenate([entry.velocity_map.velocity, entry.velocity_map.cloud_velocity])
-    speeds = direction * known[direction * known > 0.0]
-    return (float(speeds.min()), float(speeds.max())) if len(speeds) else (np.inf, 0.0)
-
-
-def _mask_inside(rows: FrictionRows, entry: JointFriction) -> NDArray[np.bool_]:
-    """Return which rows (M,) have a velocity within what was fitted."""
-    inside = np.zeros(len(rows.velocity), dtype=np.bool_)
+    inside, far = np.zeros((2, len(velocity)), dtype=np.bool_)
     for direction in (-1.0, 1.0):
-        low, high = _measure_reach(entry, direction)
-        speed = direction * rows.velocity
-        inside |= (speed >= low) & (speed <= high)
-    return inside
-
-
-def _mask_far(rows: FrictionRows, entry: JointFriction) -> NDArray[np.bool_]:
-    """Return which rows (M,) are faster than what was fitted in their direction."""
-    far = np.zeros(len(rows.velocity), dtype=np.bool_)
-    for direction in (-1.0, 1.0):
-        speed = direction * rows.velocity
-        far |= speed > _BEYOND * _measure_reach(entry, direction)[1]
-    moving: NDArray[np.bool_] = far & (rows.velocity != 0.0)
-    return moving
+        fitted, speed = direction * known[direction * known > 0.0], direction * velocity
+        fastest = np.max(fitted, initial=0.0)
+        inside |= (speed >= np.min(fitted, initial=np.inf)) & (speed <= fastest)
+        far |= speed > _BEYOND * fastest
+    return inside, far
 
 
 def _leave_out(joint: str, reason: str) -> IdentifiabilityError:
     text = f"joint {joint!r} cannot be validated: {reason}"
     return IdentifiabilityError(Notice(code="validate.friction-joint", text=text))
-
-
-def _warn_of_fitted_log(source: str) -> Notice:
-    text = "the friction was fitted to this very log, which is no test of it; validate on another motion"
-    return Notice(code="validate.fitted-log", text=text, file=source)

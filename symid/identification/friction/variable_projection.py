@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.errors import Notice, UsageError
-from symid.identification.friction.estimate import FrictionSearch, SearchOutcome
+from symid.identification.friction.estimate import FrictionSearch
 from symid.identification.friction.estimators import is_one_sided
 from symid.identification.friction.problem import (
     FrictionProblem,
@@ -39,6 +39,8 @@ from symid.identification.friction.problem import (
     VariableProjectionOptions,
 )
 from symid.identification.friction.samples import build_friction_rows
+from symid.identification.regression import solve_scaled
+from symid.ipopt import Ending
 
 IntArray = NDArray[np.int64]
 _DAMPING = 1e-3
@@ -85,7 +87,7 @@ def descend(
         moving = free[~held[free]]
         step = np.zeros(len(low))
         if len(moving):
-            step[moving] = _solve_damped(jacobian[:, moving], state.residual, damping)
+            step[moving] = solve_scaled(jacobian[:, moving], -state.residual, rcond=1e-13, damping=damping)
             projector.solves += 1
         step *= min(1.0, _LONGEST / max(float(np.max(np.abs(step))), 1e-300))
         trial_z = np.clip(state.z + step, low, high)
@@ -126,16 +128,6 @@ def _choose_damping(jacobian: FloatArray, state: Projection, trial: Projection) 
     return max(gain - slope - curved, 0.0) / length
 
 
-def _solve_damped(jacobian: FloatArray, residual: FloatArray, damping: float) -> FloatArray:
-    """Return argmin |r + J d|^2 + damping |D d|^2, D the lengths of J's columns, by QR."""
-    lengths = np.linalg.norm(jacobian, axis=0)
-    lengths[lengths == 0.0] = 1.0
-    scaled = np.vstack([jacobian / lengths, np.sqrt(damping) * np.eye(len(lengths))])
-    right = np.concatenate([-residual, np.zeros(len(lengths))])
-    step: FloatArray = np.linalg.lstsq(scaled, right, rcond=1e-13)[0] / lengths
-    return step
-
-
 _KINKED = frozenset({"dq0"})
 """Shape values with a kink in J at every speed sampled: the edge of the linear zone."""
 _JUMPING = frozenset({"dqs"})
@@ -161,6 +153,8 @@ _RESERVE = 12
 _DEVIATIONS = 4.0
 _ROUNDS = 5
 _CLOSER = 0.4
+_LINEAR = "the law is linear in what is free"
+_SMALL_STEP = "the next step in the shape, or what it promises, fell below the tolerance"
 
 
 def search_by_projection(problem: FrictionProblem, options: VariableProjectionOptions) -> FrictionSearch:
@@ -175,8 +169,11 @@ def search_by_projection(problem: FrictionProblem, options: VariableProjectionOp
     history = [min(state.objective for state in states)]
     free = np.flatnonzero(problem.is_free)
     if not len(free):
-        return _build_search(projector, states[0], tuple(history), SearchOutcome.CONVERGED, 0)
-    spacing = _compute_spacing(problem, options)
+        return projector.build_search(states[0], history, Ending.CONVERGED, _LINEAR)
+    # The distance of the grid's points in each coordinate.
+    spacing = np.ones(len(problem.low))
+    width = problem.encode(problem.high) - problem.encode(problem.low)
+    spacing[free] = width[free] / np.array(options.grid[len(free) - 1])
     if any(problem.law.shape[place].name in _JUMPING for place in free):
         least = min(states, key=lambda state: state.objective)
         states = [_visit_jumps(projector, least, free, spacing, history)]
@@ -184,10 +181,12 @@ def search_by_projection(problem: FrictionProblem, options: VariableProjectionOp
     ends = [descend(projector, start, free, tolerance=1e-2, steps=6, history=history) for start in starts]
     best = min((end for end, _ in ends), key=lambda state: state.objective)
     best, done = _finish(projector, best, free, options.tolerance, history)
-    outcome = SearchOutcome.CONVERGED if done else SearchOutcome.STALLED
-    if projector.exhausted and not done:
-        outcome = SearchOutcome.LIMIT
-    return _build_search(projector, best, tuple(history), outcome, len(history) - 1)
+    outcome, ended = Ending.STALLED, "no step made the objective less"
+    if done:
+        outcome, ended = Ending.CONVERGED, _SMALL_STEP if len(history) > 1 else _LINEAR
+    elif projector.exhausted:
+        outcome, ended = Ending.LIMIT, f"{projector.limit} linear problems were solved"
+    return projector.build_search(best, history, outcome, ended)
 
 
 def _finish(
@@ -221,17 +220,9 @@ def build_shape_grid(problem: FrictionProblem, options: VariableProjectionOption
         axes[place] = [float(value) for value in low[place] + steps * (high[place] - low[place])]
     names = [entry.name for entry in problem.law.shape]
     pairs = [(names.index(a), names.index(b)) for a, b in _EXCHANGED if a in names and b in names]
-    points = itertools.product(*axes)
-    return [np.array(point) for point in points if all(point[a] > point[b] for a, b in pairs)]
-
-
-def _compute_spacing(problem: FrictionProblem, options: VariableProjectionOptions) -> FloatArray:
-    """Return the distance of the grid's points in each coordinate: (s,); 1 where there is but one."""
-    free = np.flatnonzero(problem.is_free)
-    spacing = np.ones(len(problem.low))
-    width = problem.encode(problem.high) - problem.encode(problem.low)
-    spacing[free] = width[free] / np.array(options.grid[len(free) - 1])
-    return spacing
+    points = [np.array(point) for point in itertools.product(*axes)]
+    # Bounds around an earlier fit may hold one order alone, and not this one.
+    return [point for point in points if all(point[a] > point[b] for a, b in pairs)] or points
 
 
 def _choose_starts(
@@ -346,25 +337,9 @@ def _visit_kinks(
         if before - best.objective <= 1e-9 * before:
             break
     projector.reserve = 0
-    turns = (others, free, others)
-    return _settle(projector, best, edge=edge, turns=turns, tolerance=tolerance, history=history)
-
-
-def _settle(
-    projector: Projector,
-    best: Projection,
-    *,
-    edge: int,
-    turns: tuple[IntArray, ...],
-    tolerance: float,
-    history: list[float],
-) -> tuple[Projection, bool]:
-    """Return the end of what is still to be made less, and whether it is an optimum, in a kink or beside one.
-
-    In a kink the edge stays, and the rest converges; J must then rise on both sides of the edge.
-    """
+    # In a kink the edge stays, and the rest converges; J must then rise on both sides of the edge.
     done = False
-    for moving in turns:
+    for moving in (others, free, others):
         best, done = descend(
             projector, best, moving, tolerance=tolerance, steps=20, history=history, patience=2 * _PATIENCE
         )
@@ -403,27 +378,6 @@ def _list_kinks(projector: Projector, state: Projection, edge: int, others: IntA
     return [np.clip(state.z + move, low, high) for move in moves]
 
 
-def _build_search(
-    projector: Projector, state: Projection, history: tuple[float, ...], outcome: SearchOutcome, steps: int
-) -> FrictionSearch:
-    tolerance = "the next step in the shape, or what it promises, fell below the tolerance"
-    reasons = {
-        SearchOutcome.CONVERGED: tolerance if len(history) > 1 else "the law is linear in what is free",
-        SearchOutcome.LIMIT: f"{projector.limit} linear problems were solved",
-    }
-    return FrictionSearch(
-        linear=state.linear,
-        shape=state.shape,
-        objective=state.objective,
-        evaluations=projector.evaluations,
-        solves=projector.solves,
-        iterations=steps,
-        history=history,
-        outcome=outcome,
-        ended=reasons.get(outcome, "no step made the objective less"),
-    )
-
-
 def search_by_roots(problem: FrictionProblem, options: RootFindingOptions) -> FrictionSearch:
     """Return the stationary point of least objective, or the better end of the scan where there is none.
 
@@ -453,28 +407,21 @@ def search_by_roots(problem: FrictionProblem, options: RootFindingOptions) -> Fr
     scan = [float(value) for value in np.linspace(ends[0][place], ends[1][place], options.points)]
     slopes = [find_slope(value) for value in scan]
     history = [min(state.objective for _, state in kept.values())]
-    roots: list[FloatArray] = []
+    roots = 0
     for left, right, before, after in zip(scan[:-1], scan[1:], slopes[:-1], slopes[1:], strict=True):
         if before * after < 0.0:
             root = float(brentq(find_slope, left, right, xtol=options.tolerance, rtol=1e-14))
             find_slope(root)
-            roots.append(np.array(root))
+            roots += 1
             history.append(min(history[-1], kept[root][1].objective))
     best = min((state for _, state in kept.values()), key=lambda state: state.objective)
-    found = len(roots) > 0
-    return FrictionSearch(
-        linear=best.linear,
-        shape=best.shape,
-        objective=best.objective,
-        evaluations=projector.evaluations,
-        solves=projector.solves,
-        iterations=len(history) - 1,
-        history=tuple(history),
-        outcome=SearchOutcome.CONVERGED if found else SearchOutcome.STALLED,
-        ended=f"{len(roots)} roots were found, the best is kept"
-        if found
-        else "the slope never changes its sign",
-        settings=(("points", options.points), ("roots", len(roots))),
+    ended = f"{roots} roots were found, the best is kept" if roots else "the slope never changes its sign"
+    return projector.build_search(
+        best,
+        history,
+        Ending.CONVERGED if roots else Ending.STALLED,
+        ended,
+        settings=(("points", options.points), ("roots", roots)),
     )
 
 

@@ -8,8 +8,11 @@ if TYPE_CHECKING:
         LEAST_SLOPE as LEAST_SLOPE,
         SpringWeights as SpringWeights,
         build_elasticity as build_elasticity,
+        build_knee_grid as build_knee_grid,
+        build_stops as build_stops,
         compute_local_slopes as compute_local_slopes,
         compute_ramps as compute_ramps,
+        fit_kuhnen as fit_kuhnen,
         hold_knees as hold_knees,
         read_weights as read_weights,
     )

@@ -1,7 +1,5 @@
 """A Prandtl-Ishlinskii element: its numbers while it is fitted, and Kuhnen's convex fit to input and output.
 
-SpringWeights -> Elasticity, and back; torsion and torque -> KuhnenFit.
-
     tau_J = v + sum_j (c_j - 1) ramp_j(v),   v = k0 phi + sum_i k_i E_i[phi]     stops E_i, knees in v
     e = v(phi) - S'(tau),   S'(tau) = tau + sum_j w'_j S_rj(tau)                 error model of the fit
 
@@ -20,9 +18,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.errors import Notice, UsageError
+from symid.identification.regression import solve_scaled
 from symid.joint_models import compute_stop_basis
 from symid.robot import Elasticity, Knee, Stop
 
@@ -44,25 +44,27 @@ class SpringWeights:
 
     Args:
         thresholds: (m,) of the stops, rad or m; stiffness: (m + 1,) k_0 .. k_m >= 0.
-        below, above: knee torques, from zero outwards, N m; slopes beyond each of them.
+        knees: (l,) signed torques, N m or N: those below zero, then those above, both from zero outwards.
+        slopes: (l,) beyond each of them; the slope around zero torque is one.
     """
 
     thresholds: FloatArray
     stiffness: FloatArray
-    below: FloatArray
-    above: FloatArray
-    below_slopes: FloatArray
-    above_slopes: FloatArray
+    knees: FloatArray
+    slopes: FloatArray
 
     @property
-    def knees(self) -> int:
-        """Return the number of knees."""
-        return len(self.below) + len(self.above)
+    def below(self) -> int:
+        """Return the number of knees below zero torque."""
+        return int(np.count_nonzero(self.knees < 0.0))
 
     @property
-    def slopes(self) -> FloatArray:
-        """Return the slopes beyond the knees below zero, then above it."""
-        return np.concatenate([self.below_slopes, self.above_slopes])
+    def before(self) -> FloatArray:
+        """Return the slopes (l,) before each knee, coming from zero."""
+        before = np.ones_like(self.slopes)
+        before[1:] = self.slopes[:-1]
+        before[self.below : self.below + 1] = 1.0
+        return before
 
     def pack(self) -> FloatArray:
         """Return stiffnesses and slopes as one vector."""
@@ -70,85 +72,99 @@ class SpringWeights:
 
     def unpack(self, packed: FloatArray) -> "SpringWeights":
         """Return this spring with other stiffnesses and slopes."""
-        stiff, below = len(self.stiffness), len(self.below)
-        return replace(
-            self,
-            stiffness=packed[:stiff],
-            below_slopes=packed[stiff : stiff + below],
-            above_slopes=packed[stiff + below :],
-        )
+        stiff = len(self.stiffness)
+        return replace(self, stiffness=packed[:stiff], slopes=packed[stiff:])
+
+    def keep_knees(self, kept: NDArray[np.bool_]) -> "SpringWeights":
+        """Return this spring with some of its knees (l,) alone."""
+        return replace(self, knees=self.knees[kept], slopes=self.slopes[kept])
 
 
 def compute_ramps(inner: FloatArray, weights: SpringWeights) -> FloatArray:
     """Return the parts of v (N,) that lie beyond each knee and before the next one: (N, knees)."""
-    columns = np.empty((len(inner), weights.knees))
-    index = 0
-    for torques in (weights.below, weights.above):
-        for place, torque in enumerate(torques):
-            further = torques[place + 1] if place + 1 < len(torques) else np.copysign(np.inf, torque)
-            np.clip(inner, min(torque, further), max(torque, further), out=columns[:, index])
-            columns[:, index] -= torque
-            index += 1
-    return columns
+    knees = weights.knees
+    further = np.copysign(np.inf, knees)
+    further[:-1] = np.where(knees[:-1] * knees[1:] > 0.0, knees[1:], further[:-1])
+    columns = np.empty((len(inner), len(knees)))
+    for column, torque, end in zip(columns.T, knees, further, strict=True):
+        np.clip(inner, min(torque, end), max(torque, end), out=column)
+    return columns - knees
 
 
 def compute_local_slopes(inner: FloatArray, weights: SpringWeights) -> FloatArray:
     """Return S'(v) (N,)."""
-    edges = np.concatenate([weights.below[::-1], weights.above])
-    slopes = np.concatenate([weights.below_slopes[::-1], [1.0], weights.above_slopes])
-    local: FloatArray = slopes[np.searchsorted(edges, inner)]
+    order = np.argsort(weights.knees)
+    slopes = np.insert(weights.slopes[order], weights.below, 1.0)
+    local: FloatArray = slopes[np.searchsorted(weights.knees[order], inner)]
     return local
 
 
-def hold_knees(torques: FloatArray, largest: float) -> FloatArray:
-    """Return knee torques of one side, from zero outwards (l,), none nearer to zero than is allowed.
+def hold_knees(knees: FloatArray, lowest: float, highest: float) -> FloatArray:
+    """Return knee torques (l,) as those of `SpringWeights`, none nearer to zero than is allowed.
 
     Args:
-        torques: of one sign.
-        largest: the largest |v| on that side.
+        knees: (l,) N m or N.
+        lowest: the largest -v.
+        highest: the largest v.
     """
-    least = LEAST_KNEE * largest * (1.0 + _LEAST_GAP * np.arange(len(torques)))
-    held: FloatArray = np.sign(torques) * np.maximum(np.abs(torques), least)
+    rank, largest = np.arange(len(knees)), np.where(knees < 0.0, lowest, highest)
+    rank = np.where(knees < 0.0, rank, rank - np.count_nonzero(knees < 0.0))
+    least = LEAST_KNEE * largest * (1.0 + _LEAST_GAP * rank)
+    held: FloatArray = np.sign(knees) * np.maximum(np.abs(knees), least)
     return held
+
+
+def build_knee_grid(inner: Sequence[FloatArray], count: int, *, odd: bool = False) -> FloatArray:
+    """Return knee torques as those of `SpringWeights`: -+ (j - 1/2) / count max(-v or v), j = 1 .. count.
+
+    None lies nearer to zero than `hold_knees` allows.
+
+    Args:
+        inner: v (N,) of every recording, N m or N.
+        count: of knees on each side on which there is torque.
+        odd: whether both sides reach as far as the larger one.
+    """
+    low = max(0.0, -min(float(part.min()) for part in inner))
+    high = max(0.0, *(float(part.max()) for part in inner))
+    if odd:
+        low = high = max(low, high)
+    steps = (np.arange(count) + 0.5) / max(count, 1)
+    sides = [sign * steps * edge for sign, edge in ((-1.0, low), (1.0, high)) if edge]
+    return hold_knees(np.concatenate([np.zeros(0), *sides]), low, high)
 
 
 def read_weights(spring: Elasticity) -> SpringWeights:
     """Return the numbers of a spring that has all its values, but for a cubic part and damping."""
-    sides = []
-    for side in (-1.0, 1.0):
-        knees = sorted((knee for knee in spring.knees if knee.threshold * side > 0.0), key=_get_size)
-        slopes = 1.0 + np.cumsum([knee.slope for knee in knees])
-        sides.append((np.array([knee.threshold for knee in knees]), slopes))
+    sides = [
+        sorted((knee for knee in spring.knees if knee.threshold * side > 0.0), key=lambda k: abs(k.threshold))
+        for side in (-1.0, 1.0)
+    ]
     return SpringWeights(
         thresholds=np.array([stop.threshold for stop in spring.stops]),
         stiffness=np.array([spring.stiffness or 0.0, *(stop.stiffness or 0.0 for stop in spring.stops)]),
-        below=sides[0][0],
-        above=sides[1][0],
-        below_slopes=sides[0][1],
-        above_slopes=sides[1][1],
+        knees=np.array([knee.threshold for side in sides for knee in side]),
+        slopes=np.concatenate([1.0 + np.cumsum([knee.slope for knee in side]) for side in sides]),
     )
 
 
-def _get_size(knee: Knee) -> float:
-    return abs(knee.threshold)
+def build_stops(thresholds: FloatArray, stiffness: FloatArray, least: float) -> tuple[Stop, ...]:
+    """Return the stops at (m,) rad or m whose stiffness (m,), N m/rad or N/m, is of a size above `least`."""
+    return tuple(
+        Stop(threshold=float(radius), stiffness=float(value))
+        for radius, value in zip(thresholds, stiffness, strict=True)
+        if abs(value) > least
+    )
 
 
 def build_elasticity(weights: SpringWeights) -> Elasticity:
     """Return the spring as a record, without stops of no stiffness and knees that change no slope."""
     whole = float(np.sum(weights.stiffness))
-    stops = tuple(
-        Stop(threshold=float(radius), stiffness=float(value))
-        for radius, value in zip(weights.thresholds, weights.stiffness[1:], strict=True)
-        if value > _NEAR * whole
-    )
-    knees = []
-    for torques, slopes in ((weights.below, weights.below_slopes), (weights.above, weights.above_slopes)):
-        changes = np.diff(np.concatenate([[1.0], slopes]))
-        knees += [
-            Knee(threshold=float(torque), slope=float(change))
-            for torque, change in zip(torques, changes, strict=True)
-            if abs(change) > _NEAR
-        ]
+    stops = build_stops(weights.thresholds, weights.stiffness[1:], _NEAR * whole)
+    knees = [
+        Knee(threshold=float(torque), slope=float(change))
+        for torque, change in zip(weights.knees, weights.slopes - weights.before, strict=True)
+        if abs(change) > _NEAR
+    ]
     # A spring that does not rise once all stops slip has no inverse.
     rest = max(float(weights.stiffness[0]), _RISE * whole)
     return Elasticity(stiffness=rest, stops=stops, knees=tuple(sorted(knees)))
@@ -194,32 +210,28 @@ def fit_kuhnen(
     radii, outer = np.asarray(thresholds, dtype=np.float64), np.asarray(knees, dtype=np.float64)
     _check_record(torsion, torque, radii, outer)
     basis = compute_stop_basis(torsion, radii)
-    change = np.eye(len(radii) + 1) if passive else _build_play_sums(len(radii) + 1)
-    below = np.sort(outer[outer < 0.0])[::-1]
-    above = np.sort(outer[outer > 0.0])
-    ramps, middle = _split_torque(torque, below, above)
-    matrix = np.hstack([basis @ change, -ramps])
-    whole = float(np.abs(torque).max() / max(np.abs(torsion).max(), 1e-300))
+    stiff = len(radii) + 1
+    change = np.eye(stiff) if passive else _build_play_sums(stiff)
+    below, above = outer[outer < 0.0][::-1], outer[outer > 0.0]
+    spring = SpringWeights(
+        thresholds=radii,
+        stiffness=np.zeros(stiff),
+        knees=np.concatenate([below, above]),
+        slopes=np.ones(len(outer)),
+    )
+    middle = np.clip(torque, max(below, default=-np.inf), min(above, default=np.inf))
+    matrix = np.hstack([basis @ change, -compute_ramps(torque, spring)])
     low = np.full(matrix.shape[1], least)
-    low[: len(radii) + 1] = least * whole
+    low[:stiff] = least * float(np.abs(torque).max() / max(np.abs(torsion).max(), 1e-300))
     if passive:
-        low[1 : len(radii) + 1] = 0.0
-    solution = _solve_bounded(matrix, middle, low)
-    weights = change @ solution[: len(radii) + 1]
-    slopes = 1.0 / solution[len(radii) + 1 :]
-    inner = _compute_inner_knees(below, above, solution[len(radii) + 1 :])
+        low[1:stiff] = 0.0
+    solution = solve_scaled(matrix, middle, low=low)
+    inner = _compute_inner_knees(replace(spring, slopes=solution[stiff:]))
+    packed = np.concatenate([change @ solution[:stiff], 1.0 / solution[stiff:]])
     return KuhnenFit(
-        elasticity=Elasticity(
-            stiffness=float(weights[0]),
-            stops=tuple(
-                Stop(threshold=float(radius), stiffness=float(weight))
-                for radius, weight in zip(radii, weights[1:], strict=True)
-                if weight
-            ),
-            knees=_build_knees(inner, slopes, len(below)),
-        ),
+        elasticity=build_elasticity(replace(spring.unpack(packed), knees=inner)),
         residual=float(np.sqrt(np.mean((matrix @ solution - middle) ** 2))),
-        active=_list_active_bounds(solution, low, radii, (below, above), passive=passive),
+        active=_list_active_bounds(solution <= low, radii, spring.knees, passive=passive),
     )
 
 
@@ -236,75 +248,21 @@ def _build_play_sums(count: int) -> FloatArray:
     return change
 
 
-def _split_torque(torque: FloatArray, below: FloatArray, above: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the parts of the torque from each knee to the next (N, knees), and the one around zero (N,)."""
-    columns = []
-    for side, knees in ((-1.0, below), (1.0, above)):
-        ends = np.append(np.abs(knees), np.inf)[1:]
-        size = side * torque
-        columns += [
-            side * np.clip(size - start, 0.0, end - start)
-            for start, end in zip(np.abs(knees), ends, strict=True)
-        ]
-    low = below[0] if len(below) else -np.inf
-    high = above[0] if len(above) else np.inf
-    ramps = np.column_stack(columns) if columns else np.zeros((len(torque), 0))
-    return ramps, np.clip(torque, low, high)
-
-
-def _solve_bounded(matrix: FloatArray, right: FloatArray, low: FloatArray) -> FloatArray:
-    """Return argmin |matrix x - right|, x >= low, with columns scaled to length one."""
-    from scipy.optimize import lsq_linear
-
-    count = matrix.shape[1]
-    lengths = np.linalg.norm(matrix, axis=0)
-    scales = np.where(lengths > 0.0, lengths, 1.0)
-    triangle = np.linalg.qr(np.column_stack([matrix / scales, right]), mode="r")
-    factor: FloatArray = np.asarray(triangle)
-    answer = lsq_linear(
-        factor[:, :count], factor[:, count], bounds=(low * scales, np.inf), method="bvls", tol=1e-14
-    )
-    solution: FloatArray = np.maximum(answer.x / scales, low)
-    return solution
-
-
-def _compute_inner_knees(below: FloatArray, above: FloatArray, slopes: FloatArray) -> FloatArray:
-    """Return the knees in v = S'(tau): below, then above, from zero outwards."""
-    result = []
-    start = 0
-    for knees in (below, above):
-        beyond = np.concatenate([[1.0], slopes[start : start + max(len(knees) - 1, 0)]])
-        steps = np.diff(np.concatenate([[0.0], knees]))
-        result.append(np.cumsum(beyond[: len(knees)] * steps))
-        start += len(knees)
-    return np.concatenate(result)
-
-
-def _build_knees(inner: FloatArray, slopes: FloatArray, below: int) -> tuple[Knee, ...]:
-    knees = []
-    for part in (slice(0, below), slice(below, None)):
-        changes = np.diff(np.concatenate([[1.0], slopes[part]]))
-        knees += [
-            Knee(threshold=float(knee), slope=float(change))
-            for knee, change in zip(inner[part], changes, strict=True)
-            if change
-        ]
-    return tuple(sorted(knees))
+def _compute_inner_knees(inverse: SpringWeights) -> FloatArray:
+    """Return the knees (l,) in v = S'(tau), of knees in tau and the slopes of S'."""
+    sides = (slice(inverse.below), slice(inverse.below, None))
+    rise = [inverse.before[side] * np.diff(inverse.knees[side], prepend=0.0) for side in sides]
+    return np.concatenate([np.cumsum(part) for part in rise])
 
 
 def _list_active_bounds(
-    solution: FloatArray,
-    low: FloatArray,
-    radii: FloatArray,
-    knees: tuple[FloatArray, FloatArray],
-    *,
-    passive: bool,
+    active: NDArray[np.bool_], radii: FloatArray, knees: FloatArray, *, passive: bool
 ) -> tuple[str, ...]:
     names = ["stiffness", *(f"stop at {radius:.6g}" for radius in radii)]
     if not passive:
         names = ["slope at reversal", *(f"slope past the stop at {radius:.6g}" for radius in radii)]
-    names += [f"slope beyond {knee:.6g}" for side in knees for knee in side]
-    return tuple(names[place] for place in np.flatnonzero(solution <= low))
+    names += [f"slope beyond {knee:.6g}" for knee in knees]
+    return tuple(names[place] for place in np.flatnonzero(active))
 
 
 def _check_record(torsion: FloatArray, torque: FloatArray, radii: FloatArray, knees: FloatArray) -> None:

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
         JOINT_AT_REST as JOINT_AT_REST,
         WHOLE_MODEL as WHOLE_MODEL,
         Condensed as Condensed,
-        CondensedSolution as CondensedSolution,
         Identifiability as Identifiability,
         RankRule as RankRule,
         ScaledSpectrum as ScaledSpectrum,
@@ -35,10 +34,12 @@ if TYPE_CHECKING:
         compute_square_sums as compute_square_sums,
         condense_rows as condense_rows,
         condense_weighted as condense_weighted,
+        count_freedom as count_freedom,
         extend_triangle as extend_triangle,
         hold_resting_joints as hold_resting_joints,
         list_resting_joints as list_resting_joints,
         solve_condensed as solve_condensed,
+        solve_scaled as solve_scaled,
         stack_condensed as stack_condensed,
     )
     from symid.identification.regression.long_logs import (
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
     )
     from symid.identification.regression.preparation import (
         SAME_PERIOD as SAME_PERIOD,
+        check_joints as check_joints,
         choose_filters as choose_filters,
         choose_window as choose_window,
         compute_payload_torque as compute_payload_torque,

@@ -32,10 +32,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, freeze_fields
 from symid.codegen import Library, ModelCard
 from symid.errors import Notice, UsageError
-from symid.logs import Signals, compute_noise_bandwidth, decimate_blocks, decimate_columns
+from symid.logs import Signals, compute_noise_bandwidth, decimate, decimate_blocks
 from symid.robot import Processing
 
 
@@ -127,9 +127,7 @@ def build_torque_part(library: Library, signals: Signals, processing: Processing
 
 def outline_torque_part(signals: Signals, processing: Processing) -> EquationPart:
     """Return torque equations without their matrix."""
-    values, velocity = (
-        decimate_columns(columns, processing.decimation) for columns in (signals.tau, signals.dq)
-    )
+    values, velocity = (decimate(columns, processing.decimation) for columns in (signals.tau, signals.dq))
     return EquationPart(
         matrix=np.empty((*values.shape, 0)),
         values=values,
@@ -143,23 +141,27 @@ def cut_torque_matrix(
     library: Library, signals: Signals, processing: Processing
 ) -> Iterator[tuple[slice, FloatArray]]:
     """Yield the matrix (k, n, p) of torque equations block by block, and which rows a block holds."""
-    return decimate_blocks(
-        lambda part: evaluate_columns(library, signals, part), len(signals.time), processing.decimation
-    )
+
+    def evaluate(part: slice) -> FloatArray:
+        return evaluate_columns(library, signals.q[part], signals.dq[part], signals.ddq[part])
+
+    return decimate_blocks(evaluate, len(signals.time), processing.decimation)
 
 
-def evaluate_columns(library: Library, signals: Signals, part: slice) -> FloatArray:
-    """Return [Y | Yf] at a part of the samples: (N, n, p)."""
-    q, dq, ddq = signals.q[part], signals.dq[part], signals.ddq[part]
+def evaluate_columns(library: Library, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
+    """Return [Y | Yf] at states (N, n): (N, n, p)."""
     (rigid,) = library.evaluate("torque_regressor", q, dq, ddq)
     return np.concatenate([rigid, *_evaluate_friction(library, dq)], axis=2)
 
 
 def evaluate_torques(library: Library, signals: Signals, values: FloatArray) -> FloatArray:
     """Return the torques (N, n) in N m or N that parameters (p,) foretell at every sample, block by block."""
-    starts = range(0, len(signals.time), _SAMPLES)
-    parts = (evaluate_columns(library, signals, slice(k, k + _SAMPLES)) @ values for k in starts)
-    return np.concatenate(list(parts))
+    torques = []
+    for start in range(0, len(signals.time), _SAMPLES):
+        part = slice(start, start + _SAMPLES)
+        columns = evaluate_columns(library, signals.q[part], signals.dq[part], signals.ddq[part])
+        torques.append(columns @ values)
+    return np.concatenate(torques)
 
 
 def _list_kept_times(time: FloatArray, kept: int, factor: int) -> FloatArray:
@@ -434,8 +436,7 @@ class Rows:
             object.__setattr__(self, "weight", np.ones(count))
         if len(self.run) != count:
             object.__setattr__(self, "run", np.zeros(count, dtype=np.intp))
-        for name in ("matrix", "values", "time", "velocity", "weight"):
-            object.__setattr__(self, name, freeze(getattr(self, name)))
+        freeze_fields(self)
         for name in ("group", "run"):
             places = np.array(getattr(self, name), dtype=np.intp)
             places.setflags(write=False)
@@ -477,47 +478,7 @@ def build_rows(
         "power": lambda: build_power_part(library, signals, processing),
         "energy": lambda: build_energy_part(library, signals, window, pieces),
     }
-    return _assemble(kind, library.card, builders[kind]())
-
-
-def outline_rows(
-    kind: str,
-    card: ModelCard,
-    signals: Signals,
-    processing: Processing,
-    *,
-    window: float = WINDOW,
-    overlap: float = 0.0,
-) -> Rows:
-    """Return torque or momentum equations without their matrix; instead of it, their places in time (m, 1).
-
-    Arguments as for `build_rows`; places are counted from zero, joint by joint.
-    """
-    part = (
-        outline_torque_part(signals, processing)
-        if kind == "torque"
-        else outline_momentum_part(signals, window, count_pieces(overlap))
-    )
-    places = np.arange(len(part.values), dtype=np.float64)
-    return _assemble(kind, card, part._replace(matrix=np.tile(places[:, None, None], (1, card.size, 1))))
-
-
-def cut_rows(
-    kind: str,
-    library: Library,
-    signals: Signals,
-    processing: Processing,
-    *,
-    window: float = WINDOW,
-    overlap: float = 0.0,
-) -> Iterator[tuple[slice, FloatArray]]:
-    """Yield the matrix (k, n, p) of torque or momentum equations by stretches of time, and their places.
-
-    Arguments as for `build_rows`.
-    """
-    if kind == "torque":
-        return cut_torque_matrix(library, signals, processing)
-    return cut_momentum_matrix(library, signals, window, count_pieces(overlap))
+    return assemble_rows(kind, library.card, builders[kind]())
 
 
 def count_pieces(overlap: float) -> int:
@@ -528,7 +489,8 @@ def count_pieces(overlap: float) -> int:
     return max(1, round(1.0 / (1.0 - overlap)))
 
 
-def _assemble(kind: str, card: ModelCard, part: EquationPart) -> Rows:
+def assemble_rows(kind: str, card: ModelCard, part: EquationPart) -> Rows:
+    """Return equations of a kind joint by joint, with the names and units of their model."""
     parameters = card.beta + card.friction
     scalar = kind in SCALAR_KINDS
     joints = () if scalar else card.joints

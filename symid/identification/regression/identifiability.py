@@ -134,6 +134,17 @@ def stack_condensed(condensed: Condensed, weights: FloatArray) -> FloatArray:
     return extend_triangle(np.zeros((0, whole.shape[1])), [whole])
 
 
+def count_freedom(freedom: str, parameters: int, independent: float) -> tuple[int, float]:
+    """Return how many degrees of freedom parameters take from rows, and the part of the rows that counts.
+
+    Args:
+        freedom: how the variance of the noise is estimated, see `Processing.noise_freedom`.
+        parameters: that were fitted.
+        independent: rows of independent noise that the rows are worth, as a fraction of them.
+    """
+    return (1 if freedom == "one" else parameters, independent if freedom == "band" else 1.0)
+
+
 def compute_square_sums(condensed: Condensed, values: FloatArray) -> FloatArray:
     """Return |A_g x - y_g|^2 of every group for parameters x (p,): (g,), in the rows' units."""
     errors = condensed.factors @ np.append(values, -1.0)
@@ -205,6 +216,24 @@ class ScaledSpectrum:
     singular: FloatArray
     directions: FloatArray
 
+    def mask_seen(self, rule: RankRule) -> NDArray[np.bool_]:
+        """Return which directions the rows see: (p,)."""
+        return np.asarray(self.singular > rule.singular * self.singular[0])
+
+    def mask_identifiable(self, rule: RankRule) -> NDArray[np.bool_]:
+        """Return which parameters have no part in a direction that the rows do not see: (p,)."""
+        share = np.sum(self.directions[~self.mask_seen(rule)] ** 2, axis=0)
+        return np.asarray((share <= rule.share) & (self.lengths > 0.0))
+
+    def list_partners(self, index: int, rule: RankRule) -> list[int]:
+        """Return the parameters that trade against parameter `index` in what is not seen, closest first."""
+        hidden = self.directions[~self.mask_seen(rule)]
+        # The projector on the unseen directions.
+        partners = np.abs(hidden.T @ hidden[:, index])
+        partners[index] = 0.0
+        order = np.argsort(-partners, kind="stable").tolist()
+        return [k for k in order if partners[k] ** 2 > rule.share]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Identifiability:
@@ -245,6 +274,43 @@ def compute_spectrum(matrix: FloatArray, zero: float = 0.0) -> ScaledSpectrum:
         singular=freeze(padded),
         directions=freeze(directions),
     )
+
+
+def solve_scaled(
+    matrix: FloatArray,
+    right: FloatArray,
+    *,
+    rcond: float | None = None,
+    low: FloatArray | float = -np.inf,
+    high: FloatArray | float = np.inf,
+    damping: float = 0.0,
+) -> FloatArray:
+    """Return argmin |A x - b|^2 + damping |D x|^2, low <= x <= high, D the lengths of A's columns: (p,).
+
+    Columns are scaled to length one; of many solutions the one of least norm in these units is taken.
+
+    Args:
+        matrix: A (m, p).
+        right: b (m,).
+        rcond: singular value of the scaled matrix, relative to the largest, below which it counts as zero.
+        low: (p,) or one number; with bounds, `rcond` has no part in it.
+        high: (p,) or one number.
+        damping: relative to the squares of the columns.
+    """
+    lengths = np.linalg.norm(matrix, axis=0)
+    lengths[lengths == 0.0] = 1.0
+    scaled = matrix / lengths
+    if damping:
+        scaled = np.vstack([scaled, np.sqrt(damping) * np.eye(len(lengths))])
+        right = np.concatenate([right, np.zeros(len(lengths))])
+    if np.all(np.isneginf(low)) and np.all(np.isposinf(high)):
+        return np.asarray(np.linalg.lstsq(scaled, right, rcond=rcond)[0] / lengths)
+    from scipy.optimize import lsq_linear
+
+    triangle: FloatArray = np.asarray(np.linalg.qr(np.column_stack([scaled, right]), mode="r"))
+    bounds = (low * lengths, high * lengths)
+    answer = lsq_linear(triangle[:, :-1], triangle[:, -1], bounds=bounds, method="bvls", tol=1e-14)
+    return np.asarray(np.clip(answer.x / lengths, low, high))
 
 
 def analyse_identifiability(rows: Rows, rule: RankRule | None = None) -> Identifiability:
@@ -308,12 +374,9 @@ def analyse_condensed(
     _check_rows(condensed, kind)
     # The triangles have the singular values of all rows.
     spectrum = compute_spectrum(condensed.factors[:, :, :-1].reshape(-1, condensed.parameters), rule.zero)
-    seen = spectrum.singular > rule.singular * spectrum.singular[0]
-    hidden = spectrum.directions[~seen]
-    share = np.sum(hidden**2, axis=0)
-    learnable = (share <= rule.share) & (spectrum.lengths > 0.0)
+    seen, learnable = spectrum.mask_seen(rule), spectrum.mask_identifiable(rule)
     refused = tuple(
-        (name, _explain_unidentifiable(index, names, spectrum, hidden, rule))
+        (name, _explain_unidentifiable(index, names, spectrum, rule))
         for index, name in enumerate(names)
         if not learnable[index]
     )
@@ -356,15 +419,12 @@ def _say_nothing(refused: tuple[tuple[str, str], ...]) -> Notice:
 
 
 def _explain_unidentifiable(
-    index: int, names: tuple[str, ...], spectrum: ScaledSpectrum, hidden: FloatArray, rule: RankRule
+    index: int, names: tuple[str, ...], spectrum: ScaledSpectrum, rule: RankRule
 ) -> str:
     """Return why parameter `index` cannot be learnt."""
     if spectrum.lengths[index] == 0.0:
         return "it does not act on any measured torque in this log"
-    # The projector on the unseen directions: its entries say which parameters trade against this one.
-    partners = np.abs(hidden.T @ hidden[:, index])
-    partners[index] = 0.0
-    others = [names[k] for k in np.argsort(-partners, kind="stable") if partners[k] ** 2 > rule.share]
+    others = [names[k] for k in spectrum.list_partners(index, rule)]
     shown = ", ".join(others[:4]) + (f" and {len(others) - 4} more" if len(others) > 4 else "")
     return f"it acts only together with {shown}, in a fixed proportion throughout this log"
 

@@ -1,6 +1,6 @@
 """Equations of logs that are too long for memory: the matrix is condensed as it is made, and never kept.
 
-Library, recordings, processing -> LongRows;  blocks of signals or rows -> Condensed.
+Library, recordings, processing -> LongRows -> Condensed.
 
     outline     values, times, velocities, weights of all equations, without the matrix
     segments    stretches of time of one joint in one run: the triangle of [A y]
@@ -9,12 +9,11 @@ What a fit, its standard deviations and its warnings need of the matrix, the tri
 residuals take another pass. Segments begin wherever a block of `compute_block_deviations` begins, in a fit
 to all runs or to one.
 
-Supported: torque and momentum rows, with 100 equations or more of every joint in every run it moves in;
-block by block, torque rows of signals at full rate and rows of any kind with an equation for every joint.
+Supported: torque and momentum rows, with 100 equations or more of every joint in every run it moves in.
 Not supported: power and energy rows, whose covariance needs every row.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -23,22 +22,20 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen import Library
-from symid.errors import Notice, UsageError
 from symid.identification.regression.equations import (
-    SCALAR_KINDS,
     Rows,
-    cut_rows,
+    assemble_rows,
+    count_pieces,
+    cut_momentum_matrix,
+    cut_torque_matrix,
     evaluate_torques,
+    outline_momentum_part,
+    outline_torque_part,
     stack_rows,
 )
-from symid.identification.regression.identifiability import (
-    BLOCK,
-    Condensed,
-    condense_weighted,
-    extend_triangle,
-)
-from symid.identification.regression.preparation import prepare_outline, prepare_rows, prepare_states
-from symid.logs import Recording, Signals, decimate_columns
+from symid.identification.regression.identifiability import BLOCK, Condensed, extend_triangle
+from symid.identification.regression.preparation import leave_out_rows, prepare_rows, prepare_states
+from symid.logs import Recording, Signals, decimate
 from symid.robot import Processing
 
 LONG_KINDS = ("torque", "momentum")
@@ -62,17 +59,30 @@ class RowBuilder(NamedTuple):
         )
 
     def outline(self, recording: Recording) -> Rows:
-        """Return the equations of a recording without their matrix."""
-        return prepare_outline(
-            self.kind, self.library, recording, self.processing, window=self.window, overlap=self.overlap
+        """Return the equations of a recording with their places in time (m, 1) in place of the matrix.
+
+        Places are counted from zero, joint by joint.
+        """
+        card, signals = self.library.card, prepare_states(self.library, recording, self.processing)
+        part = (
+            outline_torque_part(signals, self.processing)
+            if self.kind == "torque"
+            else outline_momentum_part(signals, self.window, count_pieces(self.overlap))
         )
+        places = np.arange(len(part.values), dtype=np.float64)
+        part = part._replace(matrix=np.tile(places[:, None, None], (1, card.size, 1)))
+        return leave_out_rows(assemble_rows(self.kind, card, part), self.library, recording, self.processing)
 
     def cut(self, recording: Recording) -> Iterator[tuple[slice, FloatArray]]:
         """Yield the matrix (k, n, p) of a recording's equations by stretches of time, and their places."""
         signals = prepare_states(self.library, recording, self.processing)
-        return cut_rows(
-            self.kind, self.library, signals, self.processing, window=self.window, overlap=self.overlap
-        )
+        return self.cut_signals(signals)
+
+    def cut_signals(self, signals: Signals) -> Iterator[tuple[slice, FloatArray]]:
+        """Yield the same of filtered states and torques."""
+        if self.kind == "torque":
+            return cut_torque_matrix(self.library, signals, self.processing)
+        return cut_momentum_matrix(self.library, signals, self.window, count_pieces(self.overlap))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -228,86 +238,4 @@ def _predict(maker: RowBuilder, recording: Recording, values: FloatArray) -> Flo
     if maker.kind != "torque":
         return np.concatenate([matrix @ values for _, matrix in maker.cut(recording)])
     signals = prepare_states(maker.library, recording, maker.processing)
-    return decimate_columns(evaluate_torques(maker.library, signals, values), maker.processing.decimation)
-
-
-def condense_signals(library: Library, blocks: Iterable[Signals]) -> Condensed:
-    """Return the torque equations of signals, at every sample, condensed.
-
-    Args:
-        library: the functions of the robot.
-        blocks: states and torques, piece by piece; each is forgotten before the next is asked for.
-    """
-    card = library.card
-    columns = len(card.beta) + len(card.friction) + 1
-    factors, count = np.zeros((card.size, columns, columns)), 0
-    stacks = _Stacks(library)
-    for signals in blocks:
-        for part in _cut(len(signals.time)):
-            for joint, stack in enumerate(stacks.fill(signals, part)):
-                factors[joint] = extend_triangle(factors[joint], [stack])
-        count += len(signals.time)
-    return Condensed(factors=factors, counts=np.full(card.size, count, dtype=np.intp))
-
-
-def _cut(samples: int) -> Iterator[slice]:
-    for start in range(0, samples, BLOCK):
-        yield slice(start, min(samples, start + BLOCK))
-
-
-class _Stacks:
-    """[Y Yf tau] of a block of samples, joint by joint, in arrays that are used again and again."""
-
-    def __init__(self, library: Library) -> None:
-        card = library.card
-        self.library, self.inertial = library, len(card.beta)
-        self.rigid = np.empty((BLOCK, card.size, len(card.beta)))
-        self.friction = np.empty((BLOCK, card.size, len(card.friction)))
-        self.joined = np.empty((card.size, BLOCK, self.inertial + len(card.friction) + 1))
-
-    def fill(self, signals: Signals, part: slice) -> FloatArray:
-        """Return the equations (n, m, p + 1) of a part of the signals."""
-        q, dq, ddq = signals.q[part], signals.dq[part], signals.ddq[part]
-        size = len(q)
-        (rigid,) = self.library.evaluate("torque_regressor", q, dq, ddq, out=(self.rigid[:size],))
-        joined = self.joined[:, :size]
-        joined[:, :, : self.inertial] = rigid.transpose(1, 0, 2)
-        if self.library.card.friction:
-            (friction,) = self.library.evaluate("friction_regressor", dq, out=(self.friction[:size],))
-            joined[:, :, self.inertial : -1] = friction.transpose(1, 0, 2)
-        joined[:, :, -1] = signals.tau[part].T
-        return joined
-
-
-def condense_parts(parts: Iterable[Rows]) -> Condensed:
-    """Return rows that come part by part condensed; no part is kept.
-
-    Args:
-        parts: at least one, all of one kind and one robot.
-
-    Raises:
-        UsageError: the rows have one equation for all joints: their covariance asks for every residual.
-    """
-    found: Condensed | None = None
-    for rows in parts:
-        if rows.kind in SCALAR_KINDS:
-            text = f"{rows.kind} rows cannot be condensed: their deviations ask for the residual of every row"
-            raise UsageError(Notice(code="usage.streamed-rows", text=text))
-        fresh = condense_weighted(rows, rows.weight)
-        found = fresh if found is None else join_condensed(found, fresh)
-    if found is None:
-        raise UsageError(Notice(code="usage.streamed-rows", text="there are no rows to condense"))
-    return found
-
-
-def join_condensed(first: Condensed, second: Condensed) -> Condensed:
-    """Return the equations of both; they are worth as many independent rows as both are together."""
-    pairs = zip(first.factors, second.factors, strict=True)
-    counts = first.counts + second.counts
-    worth = first.independent * first.counts.sum() + second.independent * second.counts.sum()
-    return replace(
-        first,
-        factors=np.array([extend_triangle(one, [other]) for one, other in pairs]),
-        counts=counts,
-        independent=float(worth / counts.sum()),
-    )
+    return decimate(evaluate_torques(maker.library, signals, values), maker.processing.decimation)

@@ -43,7 +43,6 @@ from symid.identification.regression.equations import (
     build_rows,
     drop_groups,
     evaluate_torques,
-    outline_rows,
     select_rows,
 )
 from symid.identification.regression.identifiability import (
@@ -246,25 +245,7 @@ def prepare_rows(
     processing = choose_filters(processing, [recording]).processing if processing.automatic else processing
     signals = prepare_states(library, recording, processing)
     rows = build_rows(kind, library, signals, processing, window=window, overlap=overlap)
-    return rows if kind in SCALAR_KINDS else _leave_out(rows, library, recording, processing)
-
-
-def prepare_outline(
-    kind: str,
-    library: Library,
-    recording: Recording,
-    processing: Processing,
-    *,
-    window: float,
-    overlap: float = 0.0,
-) -> Rows:
-    """Return the equations of one recording without their matrix, see `outline_rows`.
-
-    Arguments and errors as for `prepare_rows`; the processing leaves nothing open.
-    """
-    signals = prepare_states(library, recording, processing)
-    rows = outline_rows(kind, library.card, signals, processing, window=window, overlap=overlap)
-    return _leave_out(rows, library, recording, processing)
+    return rows if kind in SCALAR_KINDS else leave_out_rows(rows, library, recording, processing)
 
 
 def prepare_states(library: Library, recording: Recording, processing: Processing) -> Signals:
@@ -279,7 +260,7 @@ def prepare_states(library: Library, recording: Recording, processing: Processin
         LogError: the recording has another number of joints than the robot.
         IdentifiabilityError: no joint moves.
     """
-    _check_joints(library, recording)
+    check_joints(library, (recording,))
     resting = list_resting_joints(recording)
     if len(resting) == library.card.size:
         raise IdentifiabilityError(_say_standstill(recording))
@@ -287,7 +268,7 @@ def prepare_states(library: Library, recording: Recording, processing: Processin
     return subtract_payload_torque(library, signals, recording)
 
 
-def _leave_out(rows: Rows, library: Library, recording: Recording, processing: Processing) -> Rows:
+def leave_out_rows(rows: Rows, library: Library, recording: Recording, processing: Processing) -> Rows:
     """Leave out rows of slow joints, and of joints at rest that dry friction or a brake may hold."""
     rows = _leave_out_slow(rows, recording, processing.standstill)
     resting = list_resting_joints(recording)
@@ -324,11 +305,20 @@ def _say_slow(joint: str, recording: Recording, standstill: float, left_out: int
     return Notice(code="identify.slow-rows", text=text, file=recording.source)
 
 
-def _check_joints(library: Library, recording: Recording) -> None:
-    found, expected = recording.position.shape[1], library.card.size
-    if found != expected:
-        text = f"the log has {found} joints, the robot {library.card.robot!r} has {expected}"
-        raise LogError(Notice(code="log.joints", text=text, file=recording.source))
+def check_joints(library: Library, recordings: Sequence[Recording]) -> None:
+    """Refuse recordings of another number of joints than the robot has.
+
+    Raises:
+        LogError: with all of them.
+    """
+    expected, wrong = library.card.size, []
+    for recording in recordings:
+        found = recording.position.shape[1]
+        if found != expected:
+            text = f"the log has {found} joints, the robot {library.card.robot!r} has {expected}"
+            wrong.append(Notice(code="log.joints", text=text, file=recording.source))
+    if wrong:
+        raise LogError(*wrong)
 
 
 def _say_standstill(recording: Recording) -> Notice:

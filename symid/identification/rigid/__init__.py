@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from symid.identification.rigid.closed_loop_estimate import (
         check_closed_loop as check_closed_loop,
-        identify_instrumental as identify_instrumental,
-        identify_output_error as identify_output_error,
+        identify_closed_loop as identify_closed_loop,
     )
     from symid.identification.rigid.comparison import (
         FAR as FAR,
@@ -27,22 +26,15 @@ if TYPE_CHECKING:
         diagnose_estimate as diagnose_estimate,
     )
     from symid.identification.rigid.fit import (
-        OUTPUT_ERROR as OUTPUT_ERROR,
+        PRIOR_OF_ROBOT as PRIOR_OF_ROBOT,
         SIMULATING as SIMULATING,
         RigidOptions as RigidOptions,
         build_estimator_options as build_estimator_options,
         check_estimator as check_estimator,
         check_rigid_options as check_rigid_options,
-        get_estimate as get_estimate,
         identify_parameters as identify_parameters,
     )
-    from symid.identification.rigid.storage import (
-        read_estimate as read_estimate,
-        write_estimate as write_estimate,
-        write_file as write_file,
-    )
     from symid.identification.rigid.validation import (
-        check_rigid_model as check_rigid_model,
         get_fit_overlap as get_fit_overlap,
         get_usable_window as get_usable_window,
         resolve_processing as resolve_processing,

@@ -15,46 +15,17 @@ Supported: what `symid.robot.controller` states; torque limits of the joints; ba
 Not supported: controllers that run at another period than the log.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from symid.arrays import FloatArray, freeze
-from symid.codegen import Call, Library, ModelCard
+from symid.codegen import Library, ModelCard
 from symid.errors import Notice, SolverError, UsageError
 from symid.identification.regression import list_resting_joints
 from symid.logs import Recording, Signals, differentiate
 from symid.robot import Controller
 from symid.simulation import RigidPlant, RigidPlantState
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ValuedLibrary:
-    """The functions of `inner` beside the values of `card`."""
-
-    inner: Library
-    card: ModelCard
-
-    @property
-    def backend(self) -> str:
-        """Return what the functions run as."""
-        return self.inner.backend
-
-    @property
-    def notices(self) -> tuple[Notice, ...]:
-        """Return what is worth saying of the library."""
-        return self.inner.notices
-
-    def evaluate(
-        self, name: str, *inputs: FloatArray, out: Sequence[FloatArray] | None = None
-    ) -> tuple[FloatArray, ...]:
-        """Return what the function of `inner` returns."""
-        return self.inner.evaluate(name, *inputs, out=out)
-
-    def bind(self, name: str, *, out: Sequence[FloatArray] | None = None) -> Call:
-        """Return the function of `inner`, bound."""
-        return self.inner.bind(name, out=out)
 
 
 def set_card_values(card: ModelCard, values: FloatArray) -> ModelCard:
@@ -163,14 +134,7 @@ def build_closed_loop(recording: Recording, controller: Controller, limit: Float
     if controller.offset is not None:
         return loop
     missing = recording.torque - compute_demand(loop, recording)
-    return ClosedLoop(
-        controller=controller,
-        reference=loop.reference,
-        velocity=loop.velocity,
-        feedforward=loop.feedforward,
-        offset=missing[round(loop.settling / recording.period) :].mean(axis=0),
-        limit=limit,
-    )
+    return replace(loop, offset=missing[round(loop.settling / recording.period) :].mean(axis=0))
 
 
 def list_unusable(recording: Recording, controller: Controller | None = None) -> tuple[Notice, ...]:
@@ -270,7 +234,7 @@ def simulate_closed_loop(
         UsageError: the model has friction that cannot be simulated.
         SolverError: it runs away, or starts and stops without end.
     """
-    plant = RigidPlant(ValuedLibrary(inner=library, card=set_card_values(library.card, values)))
+    plant = RigidPlant(Library(set_card_values(library.card, values), library.engine))
     period, blend, gains = recording.period, loop.find_blend(recording.period), loop.controller
     stiffness, damping = np.array(gains.stiffness), np.array(gains.damping)
     sensed = gains.velocity_source == "sensor"

@@ -13,29 +13,20 @@ log for each.
 Not supported: elastic robots; saying which gain is the wrong one.
 """
 
-import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Protocol
+from dataclasses import replace
 
 import numpy as np
 
 from symid.arrays import FloatArray
-from symid.codegen import Library, ParameterCard
+from symid.codegen import Library
 from symid.errors import Notice, UsageError
 from symid.identification.diagnostics import (
     warn_of_correlated_residuals,
     warn_of_poorly_identifiable,
     warn_of_processing,
 )
-from symid.identification.estimators import (
-    Estimate,
-    Exogeneity,
-    Outcome,
-    ParameterEstimate,
-    assess_exogeneity,
-    compute_residuals,
-)
+from symid.identification.estimators import Estimate, Exogeneity, assess_exogeneity
 from symid.identification.regression import JOINT_AT_REST, RankRule, choose_filters
 from symid.identification.rigid.closed_loop import (
     ClosedLoop,
@@ -49,8 +40,14 @@ from symid.identification.rigid.closed_loop_fit import (
     fit_instrumental,
     fit_output_error,
 )
-from symid.identification.rigid.fit import identify_parameters
-from symid.logs import Recording, decimate_columns
+from symid.identification.rigid.fit import (
+    INSTRUMENTAL,
+    OUTPUT_ERROR,
+    FittedRows,
+    build_estimate,
+    identify_parameters,
+)
+from symid.logs import Recording, decimate
 from symid.robot import Controller, Processing, Robot, list_controller
 
 _FAR = 0.1
@@ -103,8 +100,8 @@ def measure_controller_residual(
     whole: list[FloatArray] = []
     for loop, recording in zip(loops, recordings, strict=True):
         gap = recording.torque - compute_demand(loop, recording)
-        missing.append(decimate_columns(gap, processing.decimation))
-        whole.append(decimate_columns(recording.torque, processing.decimation))
+        missing.append(decimate(gap, processing.decimation))
+        whole.append(decimate(recording.torque, processing.decimation))
     size = np.linalg.norm(np.vstack(whole), axis=0)
     share = 100.0 * np.linalg.norm(np.vstack(missing), axis=0) / np.where(size > 0.0, size, 1.0)
     percents: list[float] = share.tolist()
@@ -142,58 +139,21 @@ def warn_of_tracking(found: ClosedLoopFit, unexplained: Sequence[float], price: 
 
 
 _OWN_START = "torque rows by wls"
-
-
-class _FitFunction(Protocol):
-    """From robot, recordings and controllers to a fit; see `fit_output_error`."""
-
-    def __call__(
-        self,
-        library: Library,
-        recordings: Sequence[Recording],
-        loops: Sequence[ClosedLoop],
-        processing: Processing,
-        start: Mapping[str, float],
-        *,
-        rule: RankRule | None = None,
-        weights: Sequence[float] | None = None,
-        tell: Callable[[str], None] = lambda _: None,
-    ) -> ClosedLoopFit:
-        """Return the fit."""
-
-
-Judge = Callable[
-    [ClosedLoopFit, Processing, Sequence[Recording]], tuple[Mapping[str, object], tuple[Notice, ...]]
-]
-"""From a fit, its processing and the recordings to entries of `settings.fit` and notices."""
-Begin = Callable[
-    [Library, Sequence[Recording], Sequence[ClosedLoop], Processing], tuple[Mapping[str, float], str] | None
-]
-"""From library, recordings, controllers and processing to parameters by name, and what they are."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ClosedLoopEstimator:
-    """How simulated runs become parameters.
-
-    Args:
-        name: of the estimator; fit: what it does.
-        price: what follows where the simulated robot does not do as the real one.
-        judge: adds to `settings.fit`, and notices.
-        begin: finds what to begin with, None for a fit by wls.
-        kept: codes of notices of the fit by wls that hold here too.
-    """
-
-    name: str
-    fit: _FitFunction
-    price: str
-    judge: Judge = lambda _found, _how, _recordings: ({}, ())
-    begin: Begin = lambda _library, _recordings, _loops, _how: None
-    kept: tuple[str, ...] = (JOINT_AT_REST,)
+_REFERENCES = "instruments along the references"
+_PRICES = {
+    OUTPUT_ERROR: "the parameters bear the difference",
+    INSTRUMENTAL: "the instruments are worse for it, which the deviations bear",
+}
+"""What follows where the simulated robot does not do as the real one."""
+_KEPT = {OUTPUT_ERROR: (JOINT_AT_REST,), INSTRUMENTAL: (JOINT_AT_REST, "identify.automatic")}
+"""Codes of notices of the fit by wls that hold here too."""
+_SHOWN = 4
+_ROUNDING = 1e-16
+_BLURS = "identify.low-cutoff"
 
 
 def identify_closed_loop(
-    way: ClosedLoopEstimator,
+    estimator: str,
     robot: Robot,
     library: Library,
     recordings: Sequence[Recording],
@@ -208,7 +168,9 @@ def identify_closed_loop(
     """Return the parameters that an estimator finds with the help of the simulated robot.
 
     Args:
-        way: the estimator.
+        estimator: one of `SIMULATING`. Output error: the simulated robot needs the torques that were
+            measured; the filter of the processing is not used. Instrumental: the equations of the measured
+            states, with instruments from the simulated robot.
         robot: rigid, with a controller; its processing is that of the rows.
         library: its functions.
         recordings: at least one, each with the reference of the controller.
@@ -225,17 +187,21 @@ def identify_closed_loop(
         LogError, IdentifiabilityError: as `identify_parameters`.
     """
     controller = check_closed_loop(robot, recordings)
-    loops = [build_closed_loop(recording, controller, _list_limits(robot)) for recording in recordings]
+    limits = np.array([np.inf if axis.limits.torque is None else axis.limits.torque for axis in robot.axes])
+    loops = [build_closed_loop(recording, controller, limits) for recording in recordings]
     first = identify_parameters(
         library, recordings, robot.processing, estimator="wls", rule=rule, weights=weights, echo=echo
     )
     processing = choose_filters(robot.processing, recordings).processing
     begun, begun_with = _list_start(library, start or first), start_name or _OWN_START
-    own = None if start else way.begin(library, recordings, loops, processing)
+    own = None
+    if estimator == INSTRUMENTAL and start is None:
+        own = estimate_start(library, recordings, loops, processing)
     if own is not None:
-        begun, begun_with = {**begun, **own[0]}, own[1]
-    found = way.fit(library, recordings, loops, processing, begun, rule=rule, weights=weights, tell=tell)
-    told, doubts = way.judge(found, processing, recordings)
+        begun, begun_with = {**begun, **own}, _REFERENCES
+    fit = fit_instrumental if estimator == INSTRUMENTAL else fit_output_error
+    found = fit(library, recordings, loops, processing, begun, rule=rule, weights=weights, tell=tell)
+    told, doubts = _judge_instruments(found, processing, recordings)
     unexplained = measure_controller_residual(loops, recordings, processing)
     report = {
         "start": begun_with,
@@ -244,41 +210,19 @@ def identify_closed_loop(
         "controller": describe_controller(controller, loops, recordings),
         "controller_residual_percent": unexplained,
     }
-    kept = (notice for notice in first.notices if notice.code in way.kept)
-    tracking = warn_of_tracking(found, unexplained, way.price)
-    return replace(
-        _build_estimate(library, found, first, (*kept, *_list_fit_warnings(found), *tracking, *doubts)),
-        estimator=way.name,
-        settings=json.loads(json.dumps({**first.settings, "fit": report})),
+    fitted = FittedRows(found.rows, found.seen, found.fit)
+    estimate = build_estimate(library.card, fitted, estimator, recordings, {**first.settings, "fit": report})
+    notices = (
+        *(notice for notice in first.notices if notice.code in _KEPT[estimator]),
+        *found.rows.notices,
+        *found.seen.notices,
+        *found.fit.notices,
+        *warn_of_correlated_residuals(found.solution.simulated, found.fit, found.seen),
+        *warn_of_tracking(found, unexplained, _PRICES[estimator]),
+        *doubts,
+        *warn_of_poorly_identifiable(estimate.parameters),
     )
-
-
-def _list_fit_warnings(found: ClosedLoopFit) -> tuple[Notice, ...]:
-    """Return what equations and fit of the last iteration say, whatever the way."""
-    pattern = warn_of_correlated_residuals(found.solution.simulated, found.fit, found.seen)
-    return (*found.rows.notices, *found.seen.notices, *found.fit.notices, *pattern)
-
-
-def _build_estimate(
-    library: Library, found: ClosedLoopFit, first: Estimate, notices: Sequence[Notice]
-) -> Estimate:
-    """Return the estimate of the last iteration; robot, sources and settings are those of `first`."""
-    fit, seen = found.fit, found.seen
-    kept = np.ix_(seen.learnable, seen.learnable)
-    parameters = _list_parameters((*library.card.beta, *library.card.friction), found)
-    return replace(
-        first,
-        rows="torque",
-        parameters=parameters,
-        residual=compute_residuals(found.rows, fit.residuals, fit.spent),
-        condition=fit.condition,
-        outcome=Outcome.SOME_REFUSED if seen.refused else Outcome.SOLVED,
-        samples=len(found.rows.values),
-        refused=seen.refused,
-        unresolved=_list_unresolved(found),
-        covariance=tuple(tuple(row) for row in fit.covariance[kept].tolist()),
-        notices=tuple(dict.fromkeys((*notices, *warn_of_poorly_identifiable(parameters)))),
-    )
+    return replace(estimate, notices=tuple(dict.fromkeys(notices)))
 
 
 def check_closed_loop(robot: Robot, recordings: Sequence[Recording]) -> Controller:
@@ -307,11 +251,6 @@ def check_closed_loop(robot: Robot, recordings: Sequence[Recording]) -> Controll
     return robot.controller
 
 
-def _list_limits(robot: Robot) -> FloatArray:
-    limits = [joint.limits.torque for joint in robot.axes]
-    return np.array([np.inf if entry is None else entry for entry in limits])
-
-
 def _list_start(library: Library, estimate: Estimate) -> dict[str, float]:
     """Return a value for each parameter: what the estimate refuses is the robot file's, or zero."""
     cards = (*library.card.beta, *library.card.friction)
@@ -319,114 +258,10 @@ def _list_start(library: Library, estimate: Estimate) -> dict[str, float]:
     return {card.name: known.get(card.name, card.value or 0.0) for card in cards}
 
 
-def _list_parameters(cards: Sequence[ParameterCard], found: ClosedLoopFit) -> tuple[ParameterEstimate, ...]:
-    values, deviations = found.fit.values, np.sqrt(np.diag(found.fit.covariance))
-    return tuple(
-        ParameterEstimate(
-            name=card.name,
-            value=float(values[index]),
-            std=float(deviations[index]),
-            unit=card.unit,
-            expression=card.expression,
-            reason=card.reason,
-            truth=card.value,
-        )
-        for index, card in enumerate(cards)
-        if found.seen.learnable[index]
-    )
-
-
-def _list_unresolved(found: ClosedLoopFit) -> tuple[tuple[str, float], ...]:
-    """Return the values of refused parameters that act together with others."""
-    acting = found.seen.basis.any(axis=1) & ~found.seen.learnable
-    return tuple((found.rows.names[k], float(found.fit.values[k])) for k in np.flatnonzero(acting))
-
-
-OUTPUT_ERROR = "output-error"
-"""The estimator's name."""
-_OUTPUT_ERROR_ESTIMATOR = ClosedLoopEstimator(
-    name=OUTPUT_ERROR, fit=fit_output_error, price="the parameters bear the difference"
-)
-
-
-def identify_output_error(
-    robot: Robot,
-    library: Library,
-    recordings: Sequence[Recording],
-    *,
-    start: Estimate | None = None,
-    start_name: str = "",
-    rule: RankRule | None = None,
-    weights: Sequence[float] | None = None,
-    echo: Mapping[str, object] | None = None,
-    tell: Callable[[str], None] = lambda _: None,
-) -> Estimate:
-    """Return the parameters whose simulated robot needs the torques that were measured.
-
-    Args and Raises: as `identify_closed_loop`; the processing's filter is not used.
-    """
-    return identify_closed_loop(
-        _OUTPUT_ERROR_ESTIMATOR,
-        robot,
-        library,
-        recordings,
-        start=start,
-        start_name=start_name,
-        rule=rule,
-        weights=weights,
-        echo=echo,
-        tell=tell,
-    )
-
-
-INSTRUMENTAL = "instrumental"
-"""The estimator's name."""
-_REFERENCES = "instruments along the references"
-_SHOWN = 4
-_ROUNDING = 1e-16
-
-
-def identify_instrumental(
-    robot: Robot,
-    library: Library,
-    recordings: Sequence[Recording],
-    *,
-    start: Estimate | None = None,
-    start_name: str = "",
-    rule: RankRule | None = None,
-    weights: Sequence[float] | None = None,
-    echo: Mapping[str, object] | None = None,
-    tell: Callable[[str], None] = lambda _: None,
-) -> Estimate:
-    """Return the parameters that explain the torque, with instruments from the simulated robot.
-
-    Args and Raises: as `identify_closed_loop`.
-    """
-    return identify_closed_loop(
-        _INSTRUMENTAL_ESTIMATOR,
-        robot,
-        library,
-        recordings,
-        start=start,
-        start_name=start_name,
-        rule=rule,
-        weights=weights,
-        echo=echo,
-        tell=tell,
-    )
-
-
-def _begin(
-    library: Library, recordings: Sequence[Recording], loops: Sequence[ClosedLoop], processing: Processing
-) -> tuple[Mapping[str, float], str] | None:
-    values = estimate_start(library, recordings, loops, processing)
-    return None if values is None else (values, _REFERENCES)
-
-
-def _judge(
+def _judge_instruments(
     found: ClosedLoopFit, processing: Processing, recordings: Sequence[Recording]
 ) -> tuple[Mapping[str, object], tuple[Notice, ...]]:
-    """Return how good the instruments are and what they say of least squares, and notices."""
+    """Return how good instruments are and what they say of least squares; nothing without any."""
     solution = found.solution.instrumental
     if solution is None:
         return {}, ()
@@ -472,14 +307,3 @@ def _warn_of_bias(verdict: Exogeneity) -> tuple[Notice, ...]:
         "of this log but this one bear it"
     )
     return (Notice(code="identify.biased-wls", text=text),)
-
-
-_BLURS = "identify.low-cutoff"
-_INSTRUMENTAL_ESTIMATOR = ClosedLoopEstimator(
-    name=INSTRUMENTAL,
-    fit=fit_instrumental,
-    price="the instruments are worse for it, which the deviations bear",
-    judge=_judge,
-    begin=_begin,
-    kept=(JOINT_AT_REST, "identify.automatic"),
-)

@@ -64,7 +64,7 @@ from symid.identification.regression import (
     stack_rows,
 )
 from symid.identification.rigid.closed_loop import ClosedLoop, ClosedLoopRun, simulate_closed_loop
-from symid.logs import Recording, Signals, choose_processing, decimate_columns, prepare_signals
+from symid.logs import Recording, Signals, choose_processing, decimate, prepare_signals
 from symid.robot import Processing
 
 _LIMIT = 15
@@ -150,19 +150,13 @@ StepSolver = Callable[[FloatArray, Sequence[ClosedLoopRun]], ClosedLoopStep]
 """From parameters (p,) and the runs of the robot that has them to the next ones."""
 
 
-def is_settled(changes: Sequence[float]) -> bool:
-    """Return whether the last of the largest changes, in standard deviations, is small enough to end."""
-    return changes[-1] < _SETTLED
-
-
 def iterate_closed_loop(
     scene: ClosedLoopProblem,
     start: Mapping[str, float],
     solve: StepSolver,
     *,
     tell: Callable[[str], None] = lambda _: None,
-    enough: Callable[[Sequence[float]], bool] = is_settled,
-    pace: Callable[[Sequence[float]], float] = lambda _: 1.0,
+    instrumental: bool = False,
 ) -> ClosedLoopFit:
     """Return where the iteration settles.
 
@@ -171,8 +165,8 @@ def iterate_closed_loop(
         start: parameters to begin with, all of them, such as those of an estimate.
         solve: one iteration.
         tell: called with a line about each iteration.
-        enough: from the changes so far to whether the iteration ends.
-        pace: from the changes so far to the part of the last one that is made.
+        instrumental: whether the choice among valid instruments changes the parameters too. Then less of a
+            step is made each time that changes do not fall, and changes that stay small end the iteration.
 
     Raises:
         UsageError: a start value is missing, loops and recordings do not belong together, or the friction
@@ -191,11 +185,13 @@ def iterate_closed_loop(
         target = np.where(found.seen.learnable, found.fit.values, values)
         changes.append(_measure_change(target - values, found.fit, found.seen))
         tell(f"simulation {len(changes)}: parameters change by {changes[-1]:.2g} standard deviations")
-        if enough(changes):
+        if changes[-1] < _SETTLED or (instrumental and _stands(changes)):
             break
         if len(changes) == _LIMIT:
             raise SolverError(_say_unsettled(changes))
-        values, runs = _advance(scene, values, values + pace(changes) * (target - values))
+        rising = sum(after > _FALLING * before for before, after in pairwise(changes))
+        pace = 1.0 / (1.0 + rising) if instrumental else 1.0
+        values, runs = _advance(scene, values, values + pace * (target - values))
     tracking, lag = _measure_tracking(scene, runs)
     return ClosedLoopFit(solution=found, changes=tuple(changes), tracking=tracking, lag=lag)
 
@@ -261,8 +257,8 @@ def _measure_tracking(
     for recording, run in zip(scene.recordings, runs, strict=True):
         kept = select_compared(recording, run.loop, scene.processing)
         measured = recording.position[kept]
-        gaps.append(decimate_columns(run.signals.q[kept] - measured, decimation))
-        lags.append(decimate_columns(run.loop.reference[kept] - measured, decimation))
+        gaps.append(decimate(run.signals.q[kept] - measured, decimation))
+        lags.append(decimate(run.loop.reference[kept] - measured, decimation))
     size = (np.sqrt(np.mean(np.vstack(parts) ** 2, axis=0)) for parts in (gaps, lags))
     tracking, lag = size
     return tracking, lag
@@ -363,27 +359,17 @@ def _build_rows(
     processing, joints = scene.processing, scene.library.card.joints
     for recording, run in zip(scene.recordings, runs, strict=True):
         kept = select_compared(recording, run.loop, processing)
-        signals = replace(_cut_signals(run.signals, kept), tau=recording.torque[kept])
+        columns = {name: getattr(run.signals, name)[kept] for name in ("time", "q", "dq", "ddq")}
+        signals = Signals(**columns, tau=recording.torque[kept], period=run.signals.period)
         rows = build_rows("torque", scene.library, signals, processing)
         model = _compute_torque(scene.library, values, signals)
-        excess = decimate_columns(model - run.signals.tau[kept], processing.decimation)
+        excess = decimate(model - run.signals.tau[kept], processing.decimation)
         moved = replace(rows, values=rows.values + excess.T.ravel())
         # A brake may hold a joint that stands still throughout: its torque says nothing.
         held = tuple(j for j in list_resting_joints(recording) if joints[j].friction != "none")
         plain.append(drop_groups(rows, held))
         shifted.append(drop_groups(moved, held))
     return stack_rows(plain, scene.weights), stack_rows(shifted, scene.weights)
-
-
-def _cut_signals(signals: Signals, kept: slice) -> Signals:
-    return Signals(
-        time=signals.time[kept],
-        q=signals.q[kept],
-        dq=signals.dq[kept],
-        ddq=signals.ddq[kept],
-        tau=signals.tau[kept],
-        period=signals.period,
-    )
 
 
 def _compute_torque(library: Library, values: FloatArray, signals: Signals) -> FloatArray:
@@ -446,7 +432,7 @@ def fit_instrumental(
         if not measured:
             measured.extend(_build_measured(scene))
         instruments = [
-            _build_instruments(scene, run, recording, rows)
+            _build_beside(scene, run.signals.q, run.loop, recording, rows)
             for run, recording, rows in zip(runs, recordings, measured, strict=True)
         ]
         rows, simulated = stack_rows(measured, weights), stack_rows(instruments, weights)
@@ -455,7 +441,7 @@ def fit_instrumental(
             fit=found.fit, seen=found.seen, rows=rows, simulated=simulated, instrumental=found
         )
 
-    return iterate_closed_loop(scene, start, solve, tell=tell, enough=_is_enough, pace=_choose_pace)
+    return iterate_closed_loop(scene, start, solve, tell=tell, instrumental=True)
 
 
 def estimate_start(
@@ -489,17 +475,10 @@ def estimate_start(
     return {name: values[k] for k, name in enumerate(measured[0].names) if found.seen.learnable[k]}
 
 
-def _is_enough(changes: Sequence[float]) -> bool:
+def _stands(changes: Sequence[float]) -> bool:
     """Return whether nothing but the choice among valid instruments changes any more."""
     last = changes[-_ROUNDS:]
-    stands = len(last) == _ROUNDS and max(last) < _CHANCE and last[-1] > _FALLING * last[-2]
-    return is_settled(changes) or stands
-
-
-def _choose_pace(changes: Sequence[float]) -> float:
-    """Return the part of the last change to be made: less of it each time that changes do not fall."""
-    stands = sum(after > _FALLING * before for before, after in pairwise(changes))
-    return 1.0 / (1.0 + stands)
+    return len(last) == _ROUNDS and max(last) < _CHANCE and last[-1] > _FALLING * last[-2]
 
 
 def _build_measured(scene: ClosedLoopProblem) -> list[Rows]:
@@ -514,13 +493,6 @@ def _build_measured(scene: ClosedLoopProblem) -> list[Rows]:
 def _cut_start(scene: ClosedLoopProblem, recording: Recording, loop: ClosedLoop) -> Processing:
     kept = select_compared(recording, loop, scene.processing)
     return replace(scene.processing, drop_first=kept.start)
-
-
-def _build_instruments(
-    scene: ClosedLoopProblem, run: ClosedLoopRun, recording: Recording, rows: Rows
-) -> Rows:
-    """Return the rows along the simulated states that stand beside the measured ones, one by one."""
-    return _build_beside(scene, run.signals.q, run.loop, recording, rows)
 
 
 def _build_beside(

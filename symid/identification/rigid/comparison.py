@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, FrozenArrays, freeze
 
 FAR = 3.0
 """More deviations than chance explains one by one."""
@@ -30,7 +30,7 @@ _LIKELIER = 20.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class StatedValues:
+class StatedValues(FrozenArrays):
     """Values in SI units with their covariance.
 
     Args:
@@ -39,11 +39,6 @@ class StatedValues:
 
     values: FloatArray
     covariance: FloatArray
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        object.__setattr__(self, "values", freeze(self.values))
-        object.__setattr__(self, "covariance", freeze(self.covariance))
 
     @property
     def std(self) -> FloatArray:

@@ -44,6 +44,7 @@ from symid.identification.diagnostics import (
 from symid.identification.estimators import (
     Estimate,
     RegressionFit,
+    check_model,
     estimate_group_weights,
     fit_rows,
     fit_weighted,
@@ -56,11 +57,11 @@ from symid.identification.regression import (
     analyse_identifiability,
     compute_spectrum,
     condense_recordings,
+    count_freedom,
     stack_rows,
 )
 from symid.identification.rigid.fit import compute_long_covariance
 from symid.identification.rigid.validation import (
-    check_rigid_model,
     get_fit_overlap,
     get_fit_window,
     get_run_weights,
@@ -75,14 +76,12 @@ _SEEN = 1e-10
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DecimationPrice:
-    """In percent, by how much the fit to decimated rows is above that to every sample.
+class Price:
+    """What something costs: `what` in words, `percent` more of `of`."""
 
-    `deviations` is the median of stated deviations, `held_out` the weighted residual of what was held out.
-    """
-
-    deviations: float
-    held_out: float
+    what: str
+    of: str
+    percent: float
 
 
 def measure_decimation_price(
@@ -91,8 +90,8 @@ def measure_decimation_price(
     seen: Identifiability,
     groups: FloatArray,
     weights: Sequence[float] | None = None,
-) -> DecimationPrice | None:
-    """Return the price of decimation; None where there is none, or too few rows to tell.
+) -> tuple[Price, ...]:
+    """Return the prices of decimation against every sample; none without it, or with too few rows to tell.
 
     Args:
         maker: of torque rows; its processing says how they are decimated.
@@ -102,11 +101,11 @@ def measure_decimation_price(
         weights: what the squares of each recording's residuals count for; one if None.
     """
     if maker.kind != "torque" or maker.processing.decimation.factor == 1:
-        return None
+        return ()
     every = maker._replace(processing=replace(maker.processing, decimation=Decimation()))
     some, full = (condense_recordings(entry, recordings, weights) for entry in (maker, every))
     if some is None or full is None:
-        return None
+        return ()
     freedom = maker.processing.noise_freedom
     ours, theirs = (
         np.sqrt(np.maximum(np.diag(compute_long_covariance(entry, groups, freedom)), 0.0))
@@ -114,10 +113,13 @@ def measure_decimation_price(
     )
     both = (ours > 0.0) & (theirs > 0.0)
     if not both.any():
-        return None
-    return DecimationPrice(
-        deviations=100.0 * (float(np.median(ours[both] / theirs[both])) - 1.0),
-        held_out=_compare_held_out(some, full, seen, groups),
+        return ()
+    what = f"one row in {maker.processing.decimation.factor} against every sample"
+    held_out = _compare_held_out(some, full, seen, groups)
+    wider = 100.0 * (float(np.median(ours[both] / theirs[both])) - 1.0)
+    return (
+        Price(what=what, of="residual of held-out stretches of time", percent=held_out),
+        Price(what=what, of="stated deviations, median, which suppose white noise", percent=wider),
     )
 
 
@@ -151,15 +153,6 @@ _ALONE = ("ols", "wls", "huber", "sequential")
 """Estimators that need nothing but rows."""
 _CHANGED = 1e-6
 """Deviations by which a fit made again may differ from the estimate."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Price:
-    """What something costs: `what` in words, `percent` more of `of`."""
-
-    what: str
-    of: str
-    percent: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -212,7 +205,7 @@ def diagnose_estimate(
         EstimateError: the estimate belongs to another model, or its settings cannot be read.
         UsageError: its rows mix the joints.
     """
-    check_rigid_model(estimate, library.card)
+    check_model(estimate, library.card)
     if estimate.rows not in _KINDS:
         text = f"a diagnosis looks at joints one by one, and {estimate.rows} rows mix them; use torque rows"
         raise UsageError(Notice(code="usage.mixed-rows", text=text))
@@ -227,7 +220,6 @@ def diagnose_estimate(
     names = tuple(entry.name for entry in estimate.parameters)
     values = estimate.assemble(rows.names)
     correlated = list_correlated(covariance, names)
-    price = measure_decimation_price(maker, recordings, seen, compute_mean_weights(rows, fit), weights)
     refit = _measure_refit(estimate, rows, seen, processing.noise_freedom)
     return Diagnosis(
         singular=tuple(map(float, compute_spectrum(rows.matrix * fit.weights[:, None]).singular)),
@@ -241,7 +233,7 @@ def diagnose_estimate(
         profiles=compute_profiles(values, library, recordings, processing),
         prices=(
             *_price_estimator(estimate, rows, fit, seen),
-            *_price_decimation(price, processing.decimation.factor),
+            *measure_decimation_price(maker, recordings, seen, compute_mean_weights(rows, fit), weights),
         ),
         refit=refit,
         notices=(*settled.notices, *_warn_of_refit(refit)),
@@ -276,7 +268,7 @@ def rebuild_fit(
         values=values,
         covariance=covariance,
         residuals=rows.values - rows.matrix @ values,
-        spent=1 if freedom == "one" else int(seen.basis.shape[1]),
+        spent=count_freedom(freedom, int(seen.basis.shape[1]), rows.independent)[0],
         condition=estimate.condition,
         weights=groups[rows.group] * np.sqrt(rows.weight),
     )
@@ -327,13 +319,3 @@ def _price_estimator(
         return ()
     what = f"estimator {estimate.estimator} against least squares"
     return (Price(what=what, of="residual", percent=percent),)
-
-
-def _price_decimation(found: DecimationPrice | None, factor: int) -> tuple[Price, ...]:
-    if found is None:
-        return ()
-    what = f"one row in {factor} against every sample"
-    return (
-        Price(what=what, of="residual of held-out stretches of time", percent=found.held_out),
-        Price(what=what, of="stated deviations, median, which suppose white noise", percent=found.deviations),
-    )

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from symid.arrays import FloatArray
-from symid.codegen import Library, ModelCard, ParameterCard
+from symid.codegen import Library, ModelCard
 from symid.errors import IdentifiabilityError, Notice, UsageError
 from symid.identification.diagnostics import (
     SingleLogFit,
@@ -41,22 +41,19 @@ from symid.identification.estimators import (
     Estimate,
     EstimatorOptions,
     Outcome,
-    ParameterEstimate,
-    Prior,
     RegressionFit,
     build_bodies,
     build_prior_of_card,
     build_prior_of_estimate,
     compute_residuals,
     estimate_period_noise,
-    estimate_weights,
+    fit_condensed,
     fit_rows,
+    list_parameters,
 )
 from symid.identification.regression import (
     LONG_KINDS,
     ROW_KINDS,
-    Condensed,
-    CondensedSolution,
     Identifiability,
     LongRows,
     RankRule,
@@ -67,14 +64,11 @@ from symid.identification.regression import (
     check_identifiable_share,
     choose_filters,
     choose_window,
-    compute_square_sums,
     condense_recordings,
     predict_rows,
-    solve_condensed,
     stack_rows,
 )
-from symid.identification.rigid.storage import read_estimate
-from symid.identification.rigid.validation import check_rigid_model, describe_processing
+from symid.identification.rigid.validation import describe_processing
 from symid.logs import Recording
 from symid.robot import Processing, Robot
 
@@ -87,8 +81,8 @@ class FittedRows(NamedTuple):
     rows: Rows
     seen: Identifiability
     fit: RegressionFit
-    pattern: tuple[Notice, ...]
-    drift: tuple[Notice, ...]
+    pattern: tuple[Notice, ...] = ()
+    drift: tuple[Notice, ...] = ()
 
 
 def is_long(maker: RowBuilder, recordings: Sequence[Recording], estimator: str, largest: float) -> bool:
@@ -132,26 +126,24 @@ def fit_long(
     rows, condensed, freedom = long.outline, long.condense(), maker.processing.noise_freedom
     seen = analyse_condensed(condensed, rows.kind, rows.names, rule)
     check_identifiable_share(seen, rows.names, rule.least, rows.notices)
-    used = _count_used(int(seen.basis.shape[1]), freedom)
-    groups = np.ones(len(condensed.counts))
-    if estimator == "wls":
-        groups = estimate_weights(condensed, seen.basis, used)
-    found = solve_condensed(condensed, seen.basis, groups)
-    residuals = rows.values - predict_rows(maker, recordings, rows, found.values)
-    factors = groups[rows.group] * np.sqrt(rows.weight)
+    plain = None if estimator == "wls" else np.ones(len(condensed.counts))
+    found = fit_condensed(condensed, seen.basis, plain, freedom)
+    groups = found.weights
     fit = RegressionFit(
         values=found.values,
-        covariance=_compute_covariance(condensed, found, groups, freedom),
-        residuals=residuals,
-        spent=used,
+        covariance=found.covariance,
+        residuals=rows.values - predict_rows(maker, recordings, rows, found.values),
+        spent=found.spent,
         condition=found.condition,
-        weights=factors,
+        weights=groups[rows.group] * np.sqrt(rows.weight),
     )
+    sketch = long.sketch()
+    blocks = _fit_sketch(sketch, fit.values, groups, seen)
     return FittedRows(
         rows=rows,
         seen=seen,
         fit=fit,
-        pattern=_warn_of_long_pattern(long, fit, seen, groups),
+        pattern=warn_of_correlated_residuals(sketch, replace(blocks, covariance=fit.covariance), seen),
         drift=warn_of_drift(
             rows,
             fit,
@@ -175,22 +167,7 @@ def compute_long_covariance(long: LongRows, groups: FloatArray, freedom: str) ->
     """
     condensed = long.condense()
     seen = analyse_condensed(condensed, long.outline.kind, long.outline.names)
-    return _compute_covariance(condensed, solve_condensed(condensed, seen.basis, groups), groups, freedom)
-
-
-def _count_used(rank: int, freedom: str) -> int:
-    return 1 if freedom == "one" else rank
-
-
-def _compute_covariance(
-    condensed: Condensed, found: CondensedSolution, groups: FloatArray, freedom: str
-) -> FloatArray:
-    independent = condensed.independent if freedom == "band" else 1.0
-    square = float(compute_square_sums(condensed, found.values) @ groups**2)
-    used = _count_used(int(found.root.shape[1]), freedom)
-    variance = square / (independent * int(condensed.counts.sum()) - used)
-    covariance: FloatArray = variance * (found.root @ found.root.T)
-    return covariance
+    return fit_condensed(condensed, seen.basis, groups, freedom).covariance
 
 
 def _fit_sketch(sketch: Rows, values: FloatArray, groups: FloatArray, seen: Identifiability) -> RegressionFit:
@@ -203,14 +180,6 @@ def _fit_sketch(sketch: Rows, values: FloatArray, groups: FloatArray, seen: Iden
         condition=1.0,
         weights=groups[sketch.group],
     )
-
-
-def _warn_of_long_pattern(
-    long: LongRows, fit: RegressionFit, seen: Identifiability, groups: FloatArray
-) -> tuple[Notice, ...]:
-    sketch = long.sketch()
-    blocks = _fit_sketch(sketch, fit.values, groups, seen)
-    return warn_of_correlated_residuals(sketch, replace(blocks, covariance=fit.covariance), seen)
 
 
 def fit_run(long: LongRows, run: int, groups: FloatArray, freedom: str) -> SingleLogFit | None:
@@ -227,8 +196,8 @@ def fit_run(long: LongRows, run: int, groups: FloatArray, freedom: str) -> Singl
         seen = analyse_condensed(condensed, long.outline.kind, long.outline.names)
     except IdentifiabilityError:
         return None
-    found = solve_condensed(condensed, seen.basis, groups)
-    stated = np.sqrt(np.maximum(np.diag(_compute_covariance(condensed, found, groups, freedom)), 0.0))
+    found = fit_condensed(condensed, seen.basis, groups, freedom)
+    stated = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
     sketch = long.sketch(run)
     blocks = compute_block_deviations(sketch, _fit_sketch(sketch, found.values, groups, seen), seen)
     return SingleLogFit(found.values, np.maximum(stated, blocks), seen)
@@ -284,23 +253,40 @@ def identify_parameters(
     settings = {
         **(echo or {}),
         **describe_processing(processing, filters.processing, recordings),
-        **_describe_fit(found.fit, weights),
-        **_describe_windows(maker),
+        # What the estimator chose or paid.
+        **({"fit": dict(found.fit.report)} if found.fit.report else {}),
+        **({} if weights is None else {"weights": list(weights)}),
+        **({} if rows in {"torque", "power"} else {"window": window}),
+        **({"overlap": overlap} if overlap and rows not in {"torque", "power"} else {}),
     }
+    estimate = build_estimate(library.card, found, estimator, recordings, settings)
     doubts = _list_fit_warnings(maker, recordings, found, weights)
-    estimate = _build_estimate(library.card, found, estimator, settings)
-    return replace(
-        estimate,
-        sources=tuple(recording.source for recording in recordings),
-        notices=(*filters.notices, *estimate.notices, *doubts),
-    )
+    return replace(estimate, notices=(*filters.notices, *estimate.notices, *doubts))
 
 
-def _build_estimate(
-    card: ModelCard, found: FittedRows, estimator: str, settings: Mapping[str, object]
+def build_estimate(
+    card: ModelCard,
+    found: FittedRows,
+    estimator: str,
+    recordings: Sequence[Recording],
+    settings: Mapping[str, object],
 ) -> Estimate:
+    """Return the estimate of fitted equations, without what speaks against it.
+
+    Args:
+        card: of the model.
+        found: equations and fit.
+        estimator: its name.
+        recordings: the logs.
+        settings: kept as JSON would give them back, so that a stored result equals its origin.
+    """
     fit, seen, rows = found.fit, found.seen, found.rows
-    parameters = _list_parameters(card.beta + card.friction, fit, seen)
+    told = np.flatnonzero(seen.learnable)
+    # Refused parameters that act together with others have a value there, those without effect do not.
+    acting = np.flatnonzero(seen.basis.any(axis=1) & ~seen.learnable)
+    cards = card.beta + card.friction
+    covariance = fit.covariance[np.ix_(told, told)]
+    parameters = list_parameters([cards[k] for k in told], fit.values[told], covariance)
     return Estimate(
         robot=card.robot,
         signature=card.signature,
@@ -312,11 +298,11 @@ def _build_estimate(
         condition=fit.condition,
         outcome=Outcome.SOME_REFUSED if seen.refused else Outcome.SOLVED,
         samples=len(rows.values),
-        sources=(),
-        settings=_make_plain(settings),
+        sources=tuple(recording.source for recording in recordings),
+        settings=json.loads(json.dumps(settings)),
         refused=seen.refused,
-        unresolved=_list_unresolved(rows, fit, seen),
-        covariance=_cut_covariance(fit, seen),
+        unresolved=tuple((rows.names[k], float(fit.values[k])) for k in acting),
+        covariance=tuple(map(tuple, covariance.tolist())),
         notices=(*rows.notices, *seen.notices, *fit.notices, *warn_of_poorly_identifiable(parameters)),
     )
 
@@ -367,26 +353,6 @@ def _list_fit_warnings(
     )
 
 
-def _describe_windows(maker: RowBuilder) -> Mapping[str, object]:
-    """Return what a result says of the windows."""
-    if maker.kind in {"torque", "power"}:
-        return {}
-    shared: dict[str, object] = {"overlap": maker.overlap} if maker.overlap else {}
-    return {"window": maker.window, **shared}
-
-
-def _describe_fit(fit: RegressionFit, weights: Sequence[float] | None) -> Mapping[str, object]:
-    """Return what the estimator chose or paid, and the weights of the recordings, if any."""
-    told: dict[str, object] = {"fit": dict(fit.report)} if fit.report else {}
-    return told if weights is None else {**told, "weights": list(weights)}
-
-
-def _make_plain(settings: Mapping[str, object]) -> Mapping[str, object]:
-    """Return the settings as JSON would give them back, so that a stored result equals its origin."""
-    plain: dict[str, object] = json.loads(json.dumps(settings))
-    return plain
-
-
 def _check_call(recordings: Sequence[Recording], rows: str, estimator: str) -> None:
     problems = []
     if rows not in ROW_KINDS:
@@ -401,45 +367,15 @@ def _check_call(recordings: Sequence[Recording], rows: str, estimator: str) -> N
         raise UsageError(*problems)
 
 
-def _list_parameters(
-    cards: tuple[ParameterCard, ...], fit: RegressionFit, seen: Identifiability
-) -> tuple[ParameterEstimate, ...]:
-    deviations = np.sqrt(np.diag(fit.covariance))
-    return tuple(
-        ParameterEstimate(
-            name=card.name,
-            value=float(fit.values[index]),
-            std=float(deviations[index]),
-            unit=card.unit,
-            expression=card.expression,
-            reason=card.reason,
-            truth=card.value,
-        )
-        for index, card in enumerate(cards)
-        if seen.learnable[index]
-    )
-
-
-def _list_unresolved(rows: Rows, fit: RegressionFit, seen: Identifiability) -> tuple[tuple[str, float], ...]:
-    """Return the values of refused parameters that act together with others, not of those without effect."""
-    acting = seen.basis.any(axis=1) & ~seen.learnable
-    return tuple((rows.names[k], float(fit.values[k])) for k in np.flatnonzero(acting))
-
-
-def _cut_covariance(fit: RegressionFit, seen: Identifiability) -> tuple[tuple[float, ...], ...]:
-    kept = fit.covariance[np.ix_(seen.learnable, seen.learnable)]
-    return tuple(tuple(map(float, row)) for row in kept)
-
-
-OUTPUT_ERROR = "output-error"
-"""See `symid.identification.output_error_estimate`."""
-SIMULATING = (OUTPUT_ERROR, "instrumental")
-"""Estimators that simulate the robot; the other one is in `symid.identification.instrumental_estimate`."""
+OUTPUT_ERROR, INSTRUMENTAL = "output-error", "instrumental"
+SIMULATING = (OUTPUT_ERROR, INSTRUMENTAL)
+"""Estimators that simulate the robot, see `closed_loop_estimate`."""
 ESTIMATOR_NAMES = ("ols", "wls", "gls", "huber", "ridge", "consistent", "sequential", *SIMULATING)
 _WINDOWED = ("momentum", "filtered", "energy")
 _OVERLAPPING = ("momentum", "energy")
 _DEVIATION = 20.0
-_ROBOT = "robot"
+PRIOR_OF_ROBOT = "robot"
+"""The prior that stands in the robot file."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -543,7 +479,13 @@ def check_rigid_options(rows: str, estimator: str, options: RigidOptions) -> Non
 
 
 def build_estimator_options(
-    robot: Robot, library: Library, recordings: Sequence[Recording], estimator: str, options: RigidOptions
+    robot: Robot,
+    library: Library,
+    recordings: Sequence[Recording],
+    estimator: str,
+    options: RigidOptions,
+    *,
+    prior: Estimate | None = None,
 ) -> EstimatorOptions:
     """Return what the estimator needs.
 
@@ -553,35 +495,21 @@ def build_estimator_options(
         recordings: the logs.
         estimator: its name.
         options: those given.
+        prior: of the same model, None for the values of the robot file.
 
     Raises:
         UsageError: there is no prior, or the motion does not repeat.
-        EstimateError: the prior is of another model.
     """
     if estimator == "ridge":
-        prior = _get_prior(library, options.prior or _ROBOT, options.prior_deviation)
-        return EstimatorOptions(prior=prior, prior_weight=options.prior_weight)
+        deviation = options.prior_deviation
+        known = (
+            build_prior_of_card(library.card, (deviation or _DEVIATION) / 100.0)
+            if prior is None
+            else build_prior_of_estimate(prior, deviation or 1.0)
+        )
+        return EstimatorOptions(prior=known, prior_weight=options.prior_weight)
     if estimator == "consistent":
         return EstimatorOptions(bodies=build_bodies(robot))
     if estimator == "gls" and options.period:
         return EstimatorOptions(noise=estimate_period_noise(recordings, robot.processing, options.period))
     return EstimatorOptions()
-
-
-def _get_prior(library: Library, prior: Estimate | Path | str, deviation: float | None) -> Prior:
-    if prior == _ROBOT:
-        return build_prior_of_card(library.card, (_DEVIATION if deviation is None else deviation) / 100.0)
-    found = get_estimate(Path(prior) if isinstance(prior, str) else prior, library.card)
-    return build_prior_of_estimate(found, deviation or 1.0)
-
-
-def get_estimate(estimate: Estimate | Path, card: ModelCard) -> Estimate:
-    """Return an estimate of the model of `card`, read where it is a file.
-
-    Raises:
-        EstimateError: it cannot be read, or is of another model.
-    """
-    if isinstance(estimate, Path):
-        return read_estimate(estimate, card)
-    check_rigid_model(estimate, card)
-    return estimate

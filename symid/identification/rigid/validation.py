@@ -16,19 +16,22 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from decimal import Decimal
-from typing import Any, Protocol, TypeGuard
+from typing import Any, TypeGuard
 
 import numpy as np
 
 from symid.arrays import FloatArray
-from symid.codegen import Library, ModelCard
+from symid.codegen import Library
 from symid.errors import EstimateError, Notice
+from symid.identification.diagnostics import warn_of_fitted_log
 from symid.identification.estimators import (
     OPEN_SETTINGS,
     Estimate,
+    FitRecord,
     ResolvedProcessing,
     Series,
     Validation,
+    check_model,
     compute_residuals,
 )
 from symid.identification.regression import (
@@ -214,16 +217,7 @@ def _describe_unusable(name: str, expected: str, found: object) -> Notice:
     return Notice(code="estimate.settings", text=text)
 
 
-class StoredSettings(Protocol):
-    """What every stored result has."""
-
-    @property
-    def settings(self) -> Mapping[str, object]:
-        """Return processing, log map and options of the fit."""
-        ...
-
-
-def restore_robot(robot: Robot, estimate: StoredSettings, settings: Sequence[tuple[str, str]] = ()) -> Robot:
+def restore_robot(robot: Robot, estimate: FitRecord, settings: Sequence[tuple[str, str]] = ()) -> Robot:
     """Return the robot as it was when identified: with the estimate's friction, log map and processing.
 
     Settings of the call come last, and win. Where the estimate's differ from the robot file's,
@@ -240,7 +234,7 @@ def restore_robot(robot: Robot, estimate: StoredSettings, settings: Sequence[tup
         EstimateError: what the estimate says of its log or processing cannot be read.
     """
     # A result of friction does not say friction models; its signature does.
-    kinds = tuple(dict.fromkeys(getattr(estimate, "friction", ())))
+    kinds = tuple(dict.fromkeys(estimate.friction))
     # Joints with different models have them from the file: an option sets one for all.
     described = override_settings(robot, (), kinds[0] if len(kinds) == 1 else None)
     restored = _restore_settings(described, estimate.settings)
@@ -355,7 +349,7 @@ def validate_estimate(
         LogError: the recording does not fit the robot.
         IdentifiabilityError: no joint moves in it.
     """
-    check_rigid_model(estimate, library.card)
+    check_model(estimate, library.card)
     fitted = is_log_of_fit(recording, estimate.sources, estimate.settings)
     settled = resolve_processing(estimate, processing, recording)
     built = prepare_rows(rows, library, recording, settled.processing, window=window, overlap=overlap)
@@ -369,58 +363,13 @@ def validate_estimate(
         series=_split_series(built, predicted),
         samples=len(built.values),
         fitted=fitted,
-        notices=(*settled.notices, *built.notices, *([_say_fitted(recording.source)] if fitted else [])),
+        notices=(
+            *settled.notices,
+            *built.notices,
+            *([warn_of_fitted_log(recording.source)] if fitted else []),
+        ),
         processing=settled,
     )
-
-
-def check_rigid_model(estimate: Estimate, card: ModelCard, file: str = "") -> None:
-    """Check that the estimate was made with the model of `card`.
-
-    Raises:
-        EstimateError: its signature is another one, or its parameters are not the model's; the
-            message says what differs.
-    """
-    if estimate.signature == card.signature:
-        _check_names(estimate, card, file)
-        return
-    friction = tuple(joint.friction for joint in card.joints)
-    if estimate.robot != card.robot:
-        difference = f"it was identified for robot {estimate.robot!r}, the robot given is {card.robot!r}"
-    elif estimate.friction != friction:
-        difference = (
-            f"its friction is {', '.join(estimate.friction)}, that of the robot given {', '.join(friction)}"
-        )
-    else:
-        difference = (
-            f"the model of robot {card.robot!r} has changed since: its signature is now "
-            f"{card.signature[:12]}, the estimate's is {estimate.signature[:12]}"
-        )
-    text = (
-        f"the estimate does not fit the model: {difference}; "
-        "use the same robot and options, or identify again"
-    )
-    raise EstimateError(Notice(code="estimate.signature", text=text, file=file))
-
-
-def _check_names(estimate: Estimate, card: ModelCard, file: str) -> None:
-    """Check that each parameter of the model is either known or refused, once, and that there is no other."""
-    expected = {entry.name for entry in (*card.beta, *card.friction)}
-    found = [entry.name for entry in estimate.parameters] + [name for name, _ in estimate.refused]
-    problems = [f"{name!r} is given twice" for name in dict.fromkeys(found) if found.count(name) > 1]
-    strange = [name for name, _ in estimate.unresolved if name not in expected]
-    problems += [f"{name!r} is no parameter of it" for name in (*found, *strange) if name not in expected]
-    problems += [f"{name!r} is missing" for name in sorted(expected - set(found))]
-    if problems:
-        text = (
-            f"its parameters are not those of the model {card.robot!r}: {', '.join(problems)}; identify again"
-        )
-        raise EstimateError(Notice(code="estimate.parameters", text=text, file=file))
-
-
-def _say_fitted(source: str) -> Notice:
-    text = "the estimate was fitted to this very log, which is no test of it; validate on another motion"
-    return Notice(code="validate.fitted-log", text=text, file=source)
 
 
 def _split_series(rows: Rows, predicted: FloatArray) -> tuple[Series, ...]:

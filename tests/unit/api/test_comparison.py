@@ -8,7 +8,7 @@ import pytest
 import symid
 from symid.api.validation import compare_fit
 from symid.errors import EstimateError, Notice, UsageError
-from symid.identification.rigid.storage import write_estimate
+from symid.identification.stored import write_fit
 from tests.estimates import STD, build_estimate
 
 
@@ -54,7 +54,7 @@ def test_a_fit_in_memory_says_what_its_file_says(robot, tmp_path):
     settings = {**estimate.settings, "log_digests": ["beef"]}
     ours = dataclasses.replace(estimate, notices=(doubt,), settings=settings)
     theirs = dataclasses.replace(shift(ours, ZZ2=STD), covariance=(), settings=settings)
-    files = [write_estimate(entry, tmp_path / f"{k}.json") for k, entry in enumerate((ours, theirs))]
+    files = [write_fit(entry, tmp_path / f"{k}.json") for k, entry in enumerate((ours, theirs))]
     in_memory, read = compare_fit(robot, ours, [theirs]), compare_fit(robot, files[0], files[1:])
     assert in_memory.groups == read.groups
     assert [note.text for note in in_memory.notices] == [note.text for note in read.notices]
@@ -88,7 +88,7 @@ def test_what_is_no_fit_is_refused(robot, tmp_path):
         compare_fit(robot, ours, [{}])
     with pytest.raises(UsageError, match="none among fits"):
         compare_fit(robot, ours, [shift(ours)], value="ols")
-    file = write_estimate(ours, tmp_path / "ours.json")
+    file = write_fit(ours, tmp_path / "ours.json")
     with pytest.raises(UsageError, match="the same file"):
         compare_fit(robot, symid.load_fit(file), [file])
     with pytest.raises(EstimateError, match="has changed since"):

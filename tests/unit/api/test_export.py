@@ -8,7 +8,7 @@ import symid
 from symid.api.robot_files import export_fit
 from symid.dynamics.base_parameters import compute_parameter_values, derive_base_parameters
 from symid.errors import UsageError
-from symid.identification.rigid.storage import write_estimate
+from symid.identification.stored import write_fit
 from tests.estimates import build_estimate, fill_robot
 
 
@@ -25,7 +25,7 @@ def test_a_fit_in_memory_becomes_the_file_that_its_own_file_becomes(tmp_path):
     assert (found.format, found.left_out, found.not_identified) == ("robot file", (), ())
     values = list_values(symid.load(found.file).description)
     assert values == pytest.approx({entry.name: entry.value for entry in estimate.parameters}, abs=1e-9)
-    stored = write_estimate(estimate, tmp_path / "fit.json")
+    stored = write_fit(estimate, tmp_path / "fit.json")
     again = export_fit(robot, stored, tmp_path / "again.toml")
     assert again.file.read_bytes() == found.file.read_bytes()
     assert str(found).endswith("arm.toml\nthe bodies have the base values exactly")

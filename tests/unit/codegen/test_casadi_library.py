@@ -118,7 +118,7 @@ def test_an_error_of_casadi_is_one(library):
             return 3
 
     library.evaluate("gravity", np.zeros((1, 2)), np.ones(len(library.card.beta)))
-    room = library._spare["gravity", 1][0]
+    room = library.engine.spare["gravity", 1][0]
     room._buffer = Buffer(room._buffer)
     with pytest.raises(GenerationError, match="'gravity' returned the error code 3") as caught:
         library.evaluate("gravity", np.zeros((1, 2)), np.ones(len(library.card.beta)))
@@ -172,7 +172,7 @@ def test_a_compiler_that_cannot_be_used_is_told_of(robots_folder, tmp_path, c_co
         raise GenerationError(cache_module.Notice(code="codegen.compiler-failed", text="no headers"))
 
     monkeypatch.setattr(cache_module, "compile_sources", fail)
-    monkeypatch.setattr(cache_module, "find_fault", lambda _: "no headers")
+    monkeypatch.setattr(cache_module, "diagnose_compiler", lambda _: "no headers")
     robot = read(robots_folder, "two_link")
     found, _ = prepare(robot, tmp_path, backend="casadi")
     assert [notice.code for notice in found.notices] == ["codegen.compiler-unusable"]

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from symid.codegen import compiler as compiler_module
+from symid.codegen import generation
 from symid.codegen.casadi_functions import build_functions
 from symid.codegen.generation import run_selftest
 from symid.codegen.library import import_generated_module, load_library
@@ -69,7 +69,7 @@ def find_failed(folder):
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_a_folder_passes_its_test_and_lists_its_files(folders, c_compiler, name):
-    tested = run_selftest(folders / name, "casadi", ignore)
+    tested = run_selftest(folders / name, "casadi", "", ignore)
     assert tested.selftest == "passed"
     assert re.match(r"CasADi \d+\.\d+", tested.runner)
     manifest = read_manifest(folders / name)
@@ -78,8 +78,8 @@ def test_a_folder_passes_its_test_and_lists_its_files(folders, c_compiler, name)
 
 
 def test_without_a_compiler_the_files_are_tested(folders, monkeypatch):
-    monkeypatch.setattr(compiler_module, "find_compiler", lambda: None)
-    tested = run_selftest(folders / "two_link", "casadi", ignore)
+    monkeypatch.setattr(generation, "locate_compiler", lambda: None)
+    tested = run_selftest(folders / "two_link", "casadi", "", ignore)
     assert (tested.selftest, tested.flags) == ("passed", "")
     assert "," not in tested.runner
 
@@ -123,9 +123,9 @@ def test_same_bytes_whatever_the_hash_seed_and_the_folder(project, tmp_path):
     script = (
         "import sys, hashlib; from pathlib import Path\n"
         "from symid.codegen.casadi_functions import build_functions\n"
-        "from symid.codegen.python_targets import generate_casadi\n"
+        "from symid.codegen.python_targets import generate_casadi_target\n"
         "from symid.robot.toml_reader import read_robot\n"
-        "made = generate_casadi(build_functions(read_robot(Path(sys.argv[1]))))\n"
+        "made = generate_casadi_target(build_functions(read_robot(Path(sys.argv[1]))))\n"
         "texts = [text for pair in (*made.files, ('m', made.manifest)) for text in pair]\n"
         "print(hashlib.sha256('|'.join(texts).encode()).hexdigest())\n"
         "assert not any(str(Path.cwd()) in text for text in texts)\n"

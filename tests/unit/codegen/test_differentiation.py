@@ -6,7 +6,7 @@ import pytest
 
 from symid.codegen.casadi_functions import build_sx_function
 from symid.codegen.functions import FunctionSpec, Port
-from symid.codegen.programs import ExpressionTable, Op, Program, differentiate_backward, differentiate_forward
+from symid.codegen.programs import ExpressionTable, Op, differentiate_backward, differentiate_forward
 
 POINT = np.array([0.7, -1.3, 2.1])
 
@@ -34,14 +34,13 @@ def reference():
 
 
 def evaluate(table, refs):
-    instructions, outputs = table.collect([refs])
     spec = FunctionSpec(
         name="f",
         inputs=(Port(name="x", shape=(3,), unit="1", meaning="point"),),
         outputs=(Port(name="y", shape=(len(refs),), unit="1", meaning="values"),),
         meaning="test",
     )
-    function = build_sx_function(Program(spec=spec, instructions=instructions, outputs=outputs))
+    function = build_sx_function(table.build_program(spec, [refs]))
     return np.array(function(POINT)).ravel()
 
 

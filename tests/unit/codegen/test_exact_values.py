@@ -7,12 +7,13 @@ import mpmath
 import numpy as np
 import pytest
 
-from symid.codegen.casadi_functions import build_functions, read_sx_program
+from symid.codegen.casadi_functions import build_functions
 from symid.codegen.functions import FunctionSpec, Port
 from symid.codegen.programs import Op
 from symid.codegen.references import compute_exact_outputs
 from symid.errors import GenerationError
 from symid.robot.toml_reader import read_robot
+from tests.sx_programs import read_sx_program
 
 RULES = {
     Op.ADD: lambda a, b: a + b,

@@ -9,6 +9,7 @@ import pytest
 
 from symid.codegen.c_friction import build_step_program, generate_friction_state
 from symid.codegen.programs import count_operations
+from symid.joint_models.carriers import OperatorCarrier, build_float_carrier
 from symid.joint_models.dynamic_friction import (
     DYNAMIC_LAWS,
     build_held_path,
@@ -18,7 +19,6 @@ from symid.joint_models.dynamic_friction import (
     get_dynamic_law,
     simulate_dynamic_friction,
 )
-from symid.joint_models.friction_law import OperatorFriction, build_float_carrier
 
 STRICT = ("-std=c99", "-fPIC", "-O2", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow")
 STRICT += ("-Wdouble-promotion", "-Wmissing-prototypes", "-Werror")
@@ -68,7 +68,7 @@ def test_an_evaluation_agrees_with_numpy_and_with_mpmath(tmp_path, c_compiler, n
     law, values = get_dynamic_law(name), VALUES[name]
     compiled = Compiled(tmp_path, c_compiler, name)
     with mpmath.workdps(40):
-        precise = OperatorFriction(
+        precise = OperatorCarrier(
             zero=mpmath.mpf(0),
             one=mpmath.mpf(1),
             exp=mpmath.exp,

@@ -1,5 +1,6 @@
 """Generated C and Python against CasADi's own evaluation, and what the C must be besides right."""
 
+import json
 import shutil
 import subprocess
 import sys
@@ -10,13 +11,12 @@ import numpy as np
 import pytest
 
 from symid.codegen.c_library import generate_c_library
-from symid.codegen.casadi_functions import Functions, build_functions, read_sx_program
+from symid.codegen.casadi_functions import Functions, build_functions
 from symid.codegen.functions import (
     FunctionSpec,
     JointCard,
     ModelCard,
     Port,
-    read_model_card,
     write_model_card,
 )
 from symid.codegen.library import load_library
@@ -25,6 +25,8 @@ from symid.codegen.source_folder import write_sources
 from symid.codegen.source_text import GenerateOptions
 from symid.errors import GenerationError, UsageError
 from symid.robot.toml_reader import read_robot
+from symid.serialization import read_record
+from tests.sx_programs import read_sx_program
 
 WARNINGS = (
     "all",
@@ -266,9 +268,17 @@ def test_a_broken_manifest_is_refused(tmp_path, text):
     assert caught.value.notices[0].code == "usage.broken-manifest"
 
 
+def test_a_folder_whose_update_was_interrupted_is_refused(made, tmp_path):
+    write_sources(generate_python_module(made["emps"]), tmp_path / "p")
+    (tmp_path / "p" / ".symid-update-1").mkdir()
+    with pytest.raises(UsageError, match="an update was interrupted") as caught:
+        load_library(tmp_path / "p")
+    assert caught.value.notices[0].code == "usage.broken-manifest"
+
+
 def test_an_error_code_of_the_library_is_not_swallowed(libraries, monkeypatch):
     library = libraries["two_link", "c"]
-    monkeypatch.setattr(type(library), "_find_symbol", lambda *_: lambda *_: 1)
+    monkeypatch.setattr(type(library.engine), "_get_symbol", lambda *_: lambda *_: 1)
     with pytest.raises(GenerationError, match="returned the error code 1") as caught:
         library.evaluate("gravity", np.ones(2), np.ones(len(library.card.beta)))
     assert caught.value.notices[0].code == "codegen.call-failed"
@@ -428,7 +438,7 @@ def test_coordinates_and_joints_are_told_apart(tmp_path, c_compiler):
     path = tmp_path / "followed.toml"
     path.write_text(FOLLOWED)
     functions = build_functions(read_robot(path), names=("forward_kinematics", "mass_matrix"))
-    assert read_model_card(write_model_card(functions.card)) == functions.card
+    assert read_record(ModelCard, json.loads(write_model_card(functions.card))) == functions.card
     c, python = dict(generate_c_library(functions).files), dict(generate_python_module(functions).files)
     lines = [
         "q[0]: joint 1, j1: revolute, position in rad, torque in N m",

@@ -183,9 +183,8 @@ def test_batches_of_every_width_agree_with_single_samples(tmp_path, width):
 def build_program(table: ExpressionTable, *refs: int) -> Program:
     port = Port(name="y", shape=(len(refs),), unit="", meaning="")
     inputs = (Port(name="x", shape=(9,), unit="", meaning=""),)
-    instructions, outputs = table.collect([list(refs)])
     spec = FunctionSpec(name="f", inputs=inputs, outputs=(port,), meaning="")
-    return Program(spec=spec, instructions=instructions, outputs=outputs)
+    return table.build_program(spec, [list(refs)])
 
 
 def test_angles_are_what_comes_from_inputs_alone():

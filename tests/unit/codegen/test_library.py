@@ -77,7 +77,7 @@ def test_a_library_of_other_functions_is_refused(project, folder):
 
 def test_a_library_that_lacks_a_function_is_refused(folder, monkeypatch):
     library = load_library(folder)
-    monkeypatch.setattr(library, "_prefix", "symid_other")
+    monkeypatch.setattr(library.engine, "_prefix", "symid_other")
     for call in (library.bind, library.evaluate):
         with pytest.raises(UsageError, match="run `make clean shared`"):
             call("gravity", *([] if call == library.bind else [np.ones(2), np.ones(len(library.card.beta))]))
@@ -137,7 +137,7 @@ def test_a_bound_function_takes_lists_and_whole_numbers(library):
 
 def test_the_status_of_a_bound_function_is_looked_at(folder, monkeypatch):
     library = load_library(folder)
-    monkeypatch.setattr(type(library), "_find_symbol", lambda *_: lambda *_: 1)
+    monkeypatch.setattr(type(library.engine), "_get_symbol", lambda *_: lambda *_: 1)
     with pytest.raises(GenerationError, match="returned the error code 1") as caught:
         library.bind("gravity")(np.ones(2), np.ones(len(library.card.beta)))
     assert caught.value.notices[0].code == "codegen.call-failed"
@@ -266,7 +266,7 @@ def test_batches_of_a_module_go_through_in_few_pieces_of_its_own_arrays(made, tm
     write_sources(generate_python_module(made["two_link"]), tmp_path / "p")
     library = load_library(tmp_path / "p")
     rng, beta = np.random.default_rng(3), np.ones(len(library.card.beta))
-    plain, given, results = library._module.gravity, [], []
+    plain, given, results = library.engine.module.gravity, [], []
 
     def watch(q, parameters):
         given.append(len(q))
@@ -277,7 +277,7 @@ def test_batches_of_a_module_go_through_in_few_pieces_of_its_own_arrays(made, tm
         q = rng.uniform(-1, 1, (count, 2))
         wanted = plain(q, beta)
         with monkeypatch.context() as patch:
-            patch.setattr(library._module, "gravity", watch)
+            patch.setattr(library.engine.module, "gravity", watch)
             given.clear()
             (found,) = library.evaluate("gravity", q, beta)
         assert given == pieces

@@ -67,7 +67,7 @@ def test_a_built_in_function_gives_the_bytes_of_the_call_through_ctypes(library,
     bound, spec = library.bind(name), find_spec(library, name)
     assert type(bound) is BuiltinFunctionType
     assert bound.__name__ == name
-    slowly = library._bind_slowly(spec)
+    slowly = library.engine.bind_slowly(library.card, spec)
     for seed in range(20):
         values = draw(spec, seed)
         assert read_bytes(bound(*values)) == read_bytes(slowly(*values))
@@ -185,7 +185,7 @@ def test_no_reference_is_lost_or_kept(library):
     # Of a thousand rounds; arrays of others, which share their type, come and go.
     assert max(abs(a - b) for a, b in zip(after, before, strict=True)) < 500
     counts = []
-    for call in (bound, library._bind_slowly(spec)):
+    for call in (bound, library.engine.bind_slowly(library.card, spec)):
         found = call(*values)
         (torque,) = found
         counts.append((sys.getrefcount(found), sys.getrefcount(torque)))
@@ -228,9 +228,9 @@ def test_all_that_a_call_reads_lives_and_dies_with_the_function(library):
             return self.call(*values)
 
     spec = find_spec(library, "gravity")
-    asked = Asked(library._bind_slowly(spec))
+    asked = Asked(library.engine.bind_slowly(library.card, spec))
     watched = weakref.ref(asked)
-    bound = library._calls.bind("gravity", asked, None)
+    bound = library.engine.calls.bind("gravity", asked, None)
     del asked
     gc.collect()
     values = draw(spec, 3)
@@ -309,17 +309,17 @@ def test_what_the_limited_api_cannot_serve_ctypes_does_and_says_why(
     assert path.flags == ()
     assert bool(path.remedy) == ("installed" in reason)
     robot = read_robot(project / "robots" / "two_link.toml")
-    made = prepare_library(robot, names=NAMES, cache=library._binary.parent.parent)
-    assert made._binary != library._binary
-    assert not (made._binary.parent / "python_call.c").exists()
+    made = prepare_library(robot, names=NAMES, cache=library.engine.binary.parent.parent)
+    assert made.engine.binary != library.engine.binary
+    assert not (made.engine.binary.parent / "python_call.c").exists()
     check_fallback(made)
     # Nor is the extension module of a library used that was made before.
-    check_fallback(load_library(library._binary.parent))
+    check_fallback(load_library(library.engine.binary.parent))
 
 
 def test_both_ways_give_the_same_bytes_and_refuse_the_same(library, project, tmp_path, monkeypatch):
     hide_folder(monkeypatch, "include", tmp_path)
-    slow = load_library(library._binary.parent)
+    slow = load_library(library.engine.binary.parent)
     for name in NAMES:
         spec = find_spec(library, name)
         shapes = [port.shape for port in spec.outputs]

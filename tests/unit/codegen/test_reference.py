@@ -8,12 +8,13 @@ import casadi as ca
 import pytest
 
 from symid.codegen.c_library import generate_c_library
-from symid.codegen.casadi_functions import Functions, build_functions, read_sx_program
+from symid.codegen.casadi_functions import Functions, build_functions
 from symid.codegen.functions import FunctionSpec, JointCard, Port
 from symid.codegen.python_targets import generate_python_module
 from symid.codegen.source_folder import write_sources
 from symid.errors import GenerationError
 from symid.robot.toml_reader import read_robot
+from tests.sx_programs import read_sx_program
 
 
 @pytest.fixture(scope="module")

@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 
-from symid.codegen.casadi_functions import build_sx_function, read_sx_program
+from symid.codegen.casadi_functions import build_sx_function
 from symid.codegen.catalogue import list_robot_specs
 from symid.codegen.functions import FunctionSpec, Port
-from symid.codegen.programs import ExpressionTable, Op, Program, count_operations
+from symid.codegen.programs import ExpressionTable, Op, count_operations
 from symid.codegen.routes import choose_route
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.robot.description import FrictionKind
 from tests.chains import PANDA, PUMA560, STANFORD, TWO_LINK, build_chain, run_program
+from tests.sx_programs import read_sx_program
 
 DRIVEN = build_chain(
     [(0.0, 0, 0, "q"), (np.pi / 6, 0.3, 0.1, "q"), (np.pi / 2, 0.1, "q", 0.0)],
@@ -28,8 +29,7 @@ def build(inputs, outputs, write):
     """Return the program of `write`, which gives the outputs' references from a table."""
     spec = FunctionSpec(name="f", inputs=inputs, outputs=outputs, meaning="test")
     table = ExpressionTable()
-    instructions, refs = table.collect(write(table))
-    return Program(spec=spec, instructions=instructions, outputs=refs)
+    return table.build_program(spec, write(table))
 
 
 @pytest.mark.parametrize("robot", [TWO_LINK, PUMA560, PANDA, STANFORD, DRIVEN], ids=lambda r: r.name)

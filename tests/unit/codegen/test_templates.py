@@ -1,73 +1,45 @@
-"""A template and its context hold the same names; literals read back as what was written."""
-
-from dataclasses import dataclass, fields
+"""A template is given all that it names, and nothing else; literals read back as what was written."""
 
 import numpy as np
 import pytest
-from jinja2 import Environment, meta
 
-from symid.codegen import (
-    c_friction as friction_c,
-    c_friction as friction_state,
-    c_library as lanes,
-    c_library as python_call_source,
-    c_programs as c_contexts,
-    c_programs as c_parameters,
-    python_targets as casadi_target,
-    python_targets as python_module,
-)
+from symid.codegen import source_text
+from symid.codegen.c_friction import generate_friction_state
+from symid.codegen.c_library import generate_c_library, write_python_call
+from symid.codegen.casadi_functions import build_functions
 from symid.codegen.printing import write_literal
+from symid.codegen.python_targets import generate_casadi_target, generate_python_module
 from symid.codegen.source_text import GenerateOptions, read_template_bytes, write_template
 from symid.errors import GenerationError, UsageError
-
-CONTEXTS = {
-    "c/header.h.jinja": c_contexts.HeaderContext,
-    "c/function.c.jinja": c_contexts.FunctionContext,
-    "c/lanes.h.jinja": lanes.SimdContext,
-    "c/python_call.c.jinja": python_call_source.CallContext,
-    "c/parameters.c.jinja": c_parameters.ParametersContext,
-    "c/info.c.jinja": c_contexts.InfoContext,
-    "c/friction.h.jinja": friction_c.FrictionHeaderContext,
-    "c/friction.c.jinja": friction_c.FrictionContext,
-    "c/friction_state.h.jinja": friction_state.FrictionStateHeaderContext,
-    "c/friction_state.c.jinja": friction_state.FrictionStateContext,
-    "c/hysteresis.h.jinja": c_contexts.StateHeaderContext,
-    "c/hysteresis.c.jinja": c_contexts.StateContext,
-    "c/hysteresis_test.c.jinja": c_contexts.StateTestContext,
-    "c/selftest.c.jinja": c_contexts.SelfTestContext,
-    "c/control_loop.c.jinja": c_contexts.ControlLoopContext,
-    "c/elastic_loop.c.jinja": c_contexts.ElasticLoopContext,
-    "c/Makefile.jinja": c_contexts.MakefileContext,
-    "c/CMakeLists.txt.jinja": c_contexts.CMakeContext,
-    "c/package.pc.in.jinja": c_contexts.PackageContext,
-    "c/README.md.jinja": c_contexts.ReadmeContext,
-    "python/module.py.jinja": python_module.ModuleContext,
-    "python/README.md.jinja": python_module.ModuleReadmeContext,
-    "casadi/loader.py.jinja": casadi_target.LoaderContext,
-    "casadi/info.c.jinja": casadi_target.CasadiInfoContext,
-    "casadi/Makefile.jinja": casadi_target.CasadiMakefileContext,
-    "casadi/README.md.jinja": casadi_target.CasadiReadmeContext,
-}
+from symid.joint_models import get_dynamic_law
+from symid.robot import load_robot
 
 
-def test_every_template_has_a_context_with_its_variables():
-    templates = dict(read_template_bytes("c", "python", "casadi"))
-    assert sorted(templates) == sorted(CONTEXTS)
-    for name, content in templates.items():
-        used = meta.find_undeclared_variables(Environment(autoescape=True).parse(content.decode()))
-        assert used == {field.name for field in fields(CONTEXTS[name])}, name
+def test_every_template_is_written_by_a_target(monkeypatch):
+    """Each is given what it names: else writing it fails."""
+    written, check = set(), source_text._list_variables
+
+    def look(name):
+        written.add(name)
+        return check(name)
+
+    monkeypatch.setattr(source_text, "_list_variables", look)
+    options = GenerateOptions(states=3, friction_laws=True)
+    for name in ("two_link", "two_link_elastic"):
+        functions = build_functions(load_robot(name))
+        generate_c_library(functions, options)
+    generate_python_module(functions, GenerateOptions(states=3))
+    generate_casadi_target(functions, GenerateOptions(states=3))
+    generate_friction_state(get_dynamic_law("lugre"))
+    write_python_call(functions.card, "symid_x")
+    assert sorted(written) == sorted(dict(read_template_bytes("c", "python", "casadi")))
 
 
 def test_a_context_with_other_names_is_refused():
-    @dataclass(frozen=True)
-    class Wrong:
-        banner: str = ""
-        colour: str = ""
-
     with pytest.raises(
-        GenerationError, match=r"lacks \['digest', 'prefix', 'signature', 'version'\] and has \['colour'\]"
+        GenerationError, match=r"lacks \['digest', 'signature', 'version'\] and has \['colour'\]"
     ) as caught:
-        write_template("c/info.c.jinja", Wrong())
+        write_template("c/info.c.jinja", {"banner": "", "prefix": "", "robot": ""}, colour="")
     assert caught.value.notices[0].code == "codegen.template-context"
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 
 from symid.codegen.catalogue import list_robot_specs
-from symid.codegen.programs import Program, count_operations
+from symid.codegen.programs import count_operations
 from symid.codegen.routes import ROUTES, choose_route
 from symid.codegen.workspace import build_workspace
 from symid.dynamics.base_parameters import derive_base_parameters
@@ -71,8 +71,7 @@ def test_both_ways_give_the_same_numbers_and_the_cheaper_is_taken(robot):
         workspace = build_workspace(robot, base, spec, turns)
         plain = build_route_programs(robot, base, spec)
         for name, build in ROUTES[spec.name].items():
-            instructions, outputs = workspace.table.collect(workspace.recall(build))
-            program = Program(spec=spec, instructions=instructions, outputs=outputs)
+            program = workspace.table.build_program(spec, workspace.recall(build))
             for mine, theirs in zip(
                 run_program(program, inputs), run_program(plain[name], inputs), strict=True
             ):

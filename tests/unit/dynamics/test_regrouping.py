@@ -8,11 +8,12 @@ import pytest
 from sympy import Rational
 
 from symid.dynamics.base_parameters import derive_base_parameters
-from symid.dynamics.regrouping import derive_regrouping, evaluate_regrouping, express_group, read_group
+from symid.dynamics.regrouping import evaluate_regrouping, express_group, read_group
 from symid.errors import UsageError
 from symid.robot.toml_reader import read_robot
 from tests.chains import draw_parameters, regress
 from tests.estimates import fill_robot
+from tests.regroupings import derive_regrouping
 
 NAMES = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 
@@ -98,12 +99,14 @@ def test_a_group_that_nothing_shows_is_refused(base):
     assert caught.value.notices[0].code == "usage.other-groups"
 
 
-def test_all_groups_that_nothing_shows_are_told_with_what_is_left(robot, base):
-    texts = ("Izz1", "fv1", "Ixx2 - 1.0*Iyy2")
-    groups = [read_group(text, robot, base) for text in texts]
-    with pytest.raises(UsageError) as caught:
-        derive_regrouping(base, groups, texts)
-    first, second = (notice.text for notice in caught.value.notices)
+def test_a_group_that_nothing_shows_is_told_with_what_is_left(robot, base):
+    found = []
+    for text in ("Izz1", "Ixx2 - 1.0*Iyy2"):
+        with pytest.raises(UsageError) as caught:
+            express_group(base, read_group(text, robot, base), repr(text))
+        found.append(caught.value.notices[0].text)
+    express_group(base, read_group("fv1", robot, base), "fv1")
+    first, second = found
     assert first.startswith(
         "'Izz1' holds a combination of parameters that no motion of tx40 shows: -IA1 - YY2"
     )

@@ -20,7 +20,7 @@ from symid.excitation.limits import (
     get_motion_limits,
 )
 from symid.excitation.observation import Criterion, Observation, build_columns, smooth_friction
-from symid.excitation.problem import FineObservation, ProblemOptions, build_problem
+from symid.excitation.problem import ProblemOptions, build_problem
 from symid.robot.description import FrictionKind, FrictionValues
 from symid.robot.toml_reader import read_robot
 
@@ -108,13 +108,13 @@ def check_slopes(problem, criterion):
     slope = problem.find_value(z, criterion)[1]
     values = [problem.find_value(z + share * ahead, criterion)[0] for share in (h, -h)]
     np.testing.assert_allclose(slope @ ahead, (values[0] - values[1]) / (2 * h), rtol=1e-5)
-    constraints = [problem.find_constraints(z + share * ahead, watched) for share in (h, -h)]
-    jacobian = problem.find_jacobian(z, watched)
+    given = problem.build_constraints(np.zeros(watched.shape[1]), watched)
+    constraints = [given.value(z + share * ahead) for share in (h, -h)]
+    jacobian = given.jacobian(z)
     found = (constraints[0] - constraints[1]) / (2 * h)
     np.testing.assert_allclose(jacobian @ ahead, found, atol=1e-6 * np.abs(found).max())
-    assert not np.any(jacobian[~problem.find_pattern(watched)])
-    lower, upper = problem.find_bounds(np.zeros(watched.shape[1]), watched)
-    assert lower.shape == upper.shape == constraints[0].shape
+    assert not np.any(jacobian[~given.pattern])
+    assert given.lower.shape == given.upper.shape == constraints[0].shape
 
 
 @pytest.mark.parametrize("name", ["condition", "d-optimal"])
@@ -234,10 +234,9 @@ def test_the_grid_of_the_search_is_fine_enough():
     """With friction that has no step, figures on the coarse grid are those on the fine one."""
     panda = read_robot(ROBOTS / "panda.toml")
     problem = build_problem(panda, ProblemOptions(limits=LimitOptions(share=0.9)))
-    judge = FineObservation(panda, problem)
+    judge = problem.build_stated(panda)
     for seed in range(3):
         z = 0.5 * np.random.default_rng(seed).normal(size=problem.size)
-        condition, information = judge.find_figures(z)
-        assert problem.find_condition(z) == pytest.approx(condition, rel=1e-3)
-        assert problem.find_information(z) == pytest.approx(information, abs=1e-3)
+        assert problem.find_condition(z) == pytest.approx(judge.find_condition(z), rel=1e-3)
+        assert problem.find_information(z) == pytest.approx(judge.find_information(z), abs=1e-3)
     assert build_grid_basis(problem.space, 10, 3).shape == (3, 10, 11)

@@ -8,11 +8,16 @@ import sympy
 from hypothesis import given, strategies as st
 
 from symid.errors import UsageError
+from symid.joint_models.carriers import (
+    OperatorCarrier,
+    build_float_carrier,
+    build_numpy_carrier,
+    build_symbol_carrier,
+)
 from symid.joint_models.dynamic_friction import (
     DYNAMIC_LAWS,
     FrictionPath,
     build_held_path,
-    build_symbol_carrier,
     check_dynamic_values,
     compute_bristle_rate,
     compute_bristle_step,
@@ -26,7 +31,6 @@ from symid.joint_models.dynamic_friction import (
     simulate_dynamic_friction,
     write_dynamic_latex,
 )
-from symid.joint_models.friction_law import OperatorFriction, build_float_carrier, build_numpy_carrier
 
 VALUES = {"dahl": (2e4, 7.0), "lugre": (1e4, 80.0, 10.0, 15.0, 0.02, 1.7, 4.0)}
 FLOATS = build_float_carrier()
@@ -35,7 +39,7 @@ LAWS = pytest.mark.parametrize("name", sorted(DYNAMIC_LAWS))
 
 def build_other_carriers():
     """Return carriers of high precision and of CasADi, and how their numbers are made."""
-    precise = OperatorFriction(
+    precise = OperatorCarrier(
         zero=mpmath.mpf(0),
         one=mpmath.mpf(1),
         exp=mpmath.exp,
@@ -47,7 +51,7 @@ def build_other_carriers():
         maximum=max,
         minimum=min,
     )
-    graphs = OperatorFriction(
+    graphs = OperatorCarrier(
         zero=casadi.SX(0),
         one=casadi.SX(1),
         exp=casadi.exp,

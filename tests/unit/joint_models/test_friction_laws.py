@@ -10,6 +10,7 @@ import sympy
 from hypothesis import given, strategies as st
 
 from symid.errors import UsageError
+from symid.joint_models.carriers import OperatorCarrier, build_float_carrier, build_numpy_carrier
 from symid.joint_models.friction_catalogue import (
     FRICTION_LAWS,
     build_improved,
@@ -21,9 +22,6 @@ from symid.joint_models.friction_catalogue import (
     with_smoothing,
 )
 from symid.joint_models.friction_law import (
-    OperatorFriction,
-    build_float_carrier,
-    build_numpy_carrier,
     compute_column_derivatives,
     compute_columns,
     compute_friction_torque,
@@ -37,7 +35,7 @@ def _mpmath_sign(x):
     return mpmath.mpf(int(x > 0) - int(x < 0))
 
 
-MPMATH = OperatorFriction(
+MPMATH = OperatorCarrier(
     zero=mpmath.mpf(0),
     one=mpmath.mpf(1),
     exp=mpmath.exp,
@@ -49,7 +47,7 @@ MPMATH = OperatorFriction(
     maximum=max,
     minimum=min,
 )
-SYMPY = OperatorFriction(
+SYMPY = OperatorCarrier(
     zero=sympy.Integer(0),
     one=sympy.Integer(1),
     exp=sympy.exp,
@@ -61,7 +59,7 @@ SYMPY = OperatorFriction(
     maximum=sympy.Max,
     minimum=sympy.Min,
 )
-CASADI = OperatorFriction(
+CASADI = OperatorCarrier(
     zero=casadi.SX(0),
     one=casadi.SX(1),
     exp=casadi.exp,

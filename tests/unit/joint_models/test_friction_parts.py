@@ -6,7 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from symid.joint_models.friction_law import build_float_carrier
+from symid.joint_models.carriers import build_float_carrier
 from symid.joint_models.friction_models import (
     FRICTION_MODELS,
     build_friction_rows,

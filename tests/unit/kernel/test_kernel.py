@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from symid.arrays import freeze
+from symid.arrays import FloatArray, FrozenArrays, freeze
+from symid.environment import write_file
 from symid.errors import Notice, RobotError, SymidError
 from symid.notation import INERTIAL, SYMBOLS, get_unit
 from symid.serialization import compute_signature, write_canonical
@@ -130,3 +131,37 @@ def test_frozen_arrays_are_private_copies():
     assert frozen[0] == 0.0
     with pytest.raises(ValueError, match="read-only"):
         frozen[0] = 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Samples(FrozenArrays):
+    values: FloatArray
+    extra: FloatArray | None = None
+    count: int = 0
+
+
+def test_arrays_of_a_record_are_copies_that_nobody_can_write():
+    own = np.zeros(3)
+    samples = _Samples(own, extra=None)
+    own[0] = 1.0
+    assert samples.values[0] == 0.0
+    assert samples.extra is None
+    with pytest.raises(ValueError, match="read-only"):
+        samples.values[0] = 2.0
+    # What is frozen already is not copied again.
+    assert _Samples(samples.values).values is samples.values
+    view = freeze(np.arange(6.0))[::2]
+    assert _Samples(view).values is not view
+
+
+def test_a_file_is_written_whole_or_not_at_all(tmp_path):
+    path = write_file(tmp_path / "a.txt", "old")
+
+    def fail(stream):
+        stream.write(b"half")
+        raise KeyError
+
+    with pytest.raises(KeyError):
+        write_file(path, fail)
+    assert path.read_text(encoding="utf-8") == "old"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["a.txt"]

@@ -58,14 +58,14 @@ def test_long_sums_say_how_much_is_not_shown():
 
 @pytest.mark.parametrize("robot", [TWO_LINK, PANDA], ids=lambda r: r.name)
 def test_a_contradiction_is_never_printed_as_a_result(monkeypatch, robot):
-    original = lesson.find_torque_columns
+    original = lesson.compute_torque_columns
 
     def wrong(recursion, keys):
         columns = dict(original(recursion, keys))
         columns[keys[0]] = [entry + recursion.algebra.one for entry in columns[keys[0]]]
         return columns
 
-    monkeypatch.setattr(lesson, "find_torque_columns", wrong)
+    monkeypatch.setattr(lesson, "compute_torque_columns", wrong)
     with pytest.raises(SymidError, match="contradicts itself") as caught:
         derive_lesson(robot)
     assert caught.value.notices[0].code == "dynamics.contradiction"

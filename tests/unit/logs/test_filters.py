@@ -13,7 +13,6 @@ from symid.logs.signals import (
     compute_least_samples,
     compute_noise_bandwidth,
     decimate,
-    decimate_columns,
     differentiate,
     low_pass,
     prepare_signals,
@@ -99,9 +98,9 @@ def test_the_noise_band_of_a_decimation_hardly_depends_on_its_factor(factor):
 
 def test_every_column_is_filtered_alike():
     x = np.random.default_rng(1).normal(size=(500, 3))
-    whole = decimate_columns(x, Decimation(factor=5))
+    whole = decimate(x, Decimation(factor=5))
     for column in range(3):
-        np.testing.assert_array_equal(whole[:, column], decimate_columns(x[:, column], Decimation(factor=5)))
+        np.testing.assert_array_equal(whole[:, column], decimate(x[:, column], Decimation(factor=5)))
 
 
 @pytest.mark.parametrize(("samples", "factor"), [(1000, 10), (1001, 10), (1009, 10), (24792, 10), (557, 4)])
@@ -160,7 +159,7 @@ def test_a_log_of_just_enough_samples_passes_and_one_less_does_not():
     processing = Processing(filter_cutoff=100.0, drop_first=5, decimation=Decimation(factor=4))
     least = compute_least_samples(processing)
     signals = prepare_signals(record(least), processing)
-    decimate_columns(signals.q, processing.decimation)
+    decimate(signals.q, processing.decimation)
     with pytest.raises(LogError, match=f"{least - 1} samples; .* need {least} at least"):
         prepare_signals(record(least - 1), processing)
 
@@ -203,7 +202,7 @@ def test_a_cutoff_above_half_the_sample_rate_is_refused(cutoff):
 
 def test_too_few_rows_to_decimate_are_refused():
     with pytest.raises(LogError, match="order 8 needs more than 24"):
-        decimate_columns(np.zeros((24, 1)), Decimation(factor=2))
+        decimate(np.zeros((24, 1)), Decimation(factor=2))
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,6 @@ from symid.logs.runs import (
     list_log_files,
     read_log_runs,
     read_recorded_runs,
-    read_runs,
 )
 
 HEAD = '[[run]]\nfile = "a.npz"\n'
@@ -139,5 +138,5 @@ def test_mistakes_have_places(make_robot, write, case):
 
 def test_a_file_that_is_not_there(make_robot, tmp_path):
     with pytest.raises(LogError) as caught:
-        read_runs(tmp_path / "absent.toml", make_robot())
+        read_log_runs(tmp_path / "absent.toml", make_robot())
     assert caught.value.notices[0].code == "runs.unreadable"

@@ -5,10 +5,11 @@ import pytest
 
 from symid.codegen.functions import ParameterCard
 from symid.errors import EstimateError, LogError
-from symid.identification.elastic.estimate import ElasticEstimate, MethodFit, MethodOutcome, SpringEstimate
+from symid.identification.elastic.estimate import ElasticEstimate, MethodFit, SpringEstimate
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.elastic.validation import evaluate_elastic, predict_elastic
 from symid.identification.estimators.estimate import ParameterEstimate, Residual
+from symid.ipopt import Ending
 from symid.logs.recording import Recording
 from symid.robot.elasticity import Elasticity
 from symid.serialization import compute_file_digest
@@ -148,7 +149,7 @@ def build_estimate(**changes):
         "residual": (residual,),
         "energy": residual,
         "condition": 10.0,
-        "outcome": MethodOutcome.SOLVED,
+        "outcome": Ending.SOLVED,
         "history": (),
         "trials": (),
         "sources": ("log",),

@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from symid.codegen.casadi_functions import build_functions, read_sx_program
+from symid.codegen.casadi_functions import build_functions
 from symid.codegen.programs import count_operations
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.robot.canonical_frames import choose_canonical_frames
@@ -24,6 +24,7 @@ from symid.robot.geometry import (
 from symid.robot.urdf_reader import parse_urdf
 from symid.robot.urdf_writer import write_urdf
 from tests.chains import build_chain, build_joint, build_pinocchio, draw_parameters
+from tests.sx_programs import read_sx_program
 from tests.urdfs import AXES, is_orthogonal, shift_z, write_odd_urdf
 
 # Modified rows in degrees and m, as in the robot files; d of a last link is 0, where its frame is free.

@@ -535,9 +535,9 @@ def test_a_remark_does_not_stop_the_reader(code, line_of_text, line, column, wor
 
 def test_every_code_of_the_reader_is_raised_in_a_test(project):
     # The readers of other files have tests of their own.
-    others = ("urdf", "mjcf", "dh_table", "description")
-    paths = sorted((project / "symid" / "formats").glob("*.py"))
-    source = "".join(path.read_text() for path in paths if not path.stem.startswith(others))
+    readers = ("toml_", "exact_values")
+    paths = sorted((project / "symid" / "robot").glob("*.py"))
+    source = "".join(path.read_text() for path in paths if path.stem.startswith(readers))
     codes = set(re.findall(r'"(robot\.[a-z-]+)"', source)) - {"robot.toml"}
     tested = {case[0] for case in MISTAKES} | {case[0] for case in REMARKS} | {"robot.unreadable"}
     assert codes == tested

@@ -8,7 +8,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from symid.dynamics.algebra import FloatAlgebra, build_float_state
 from symid.dynamics.recursion import build_recursion
 from symid.dynamics.regressors import compute_torque_columns
 from symid.notation import INERTIAL
@@ -28,7 +27,8 @@ from symid.robot.geometry import Exact
 from symid.robot.toml_reader import read_robot
 from symid.robot.urdf_reader import parse_urdf
 from symid.robot.urdf_writer import write_urdf
-from tests.chains import PANDA, PUMA560, STANFORD, build_joint, build_pinocchio, draw_parameters
+from tests.chains import PANDA, PUMA560, STANFORD, build_joint, build_pinocchio, draw_parameters, set_inertia
+from tests.float_algebra import FloatAlgebra, build_float_state
 from tests.urdfs import find_torques
 
 SHIPPED = [
@@ -46,12 +46,7 @@ SHIPPED = [
 
 
 def fill(robot, seed=1):
-    values = draw_parameters(np.random.default_rng(seed), robot.size)
-    joints = [
-        dataclasses.replace(joint, inertial=tuple(entry))
-        for joint, entry in zip(robot.joints, values, strict=True)
-    ]
-    return dataclasses.replace(robot, joints=tuple(joints))
+    return set_inertia(robot, draw_parameters(np.random.default_rng(seed), robot.size))
 
 
 @pytest.mark.parametrize("robot", [PUMA560, PANDA, STANFORD], ids=lambda robot: robot.name)
@@ -170,7 +165,7 @@ def test_symbols_are_written_as_their_values():
 
 def test_values_can_be_given():
     values = draw_parameters(np.random.default_rng(6), PANDA.size)
-    back = parse_urdf(write_urdf(PANDA, values))
+    back = parse_urdf(write_urdf(set_inertia(PANDA, values)))
     np.testing.assert_allclose([joint.inertial for joint in back.joints], values, atol=1e-12)
 
 

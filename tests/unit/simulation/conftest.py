@@ -1,7 +1,8 @@
 """A pendulum and a vertical two-link arm written in closed form: libraries without generated code."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -95,6 +96,7 @@ class ClosedForm:
     friction: object
     backend: str = "closed form"
     notices: tuple = ()
+    engine: object = field(default_factory=lambda: SimpleNamespace(addresses=None))
 
     def bind(self, name):
         return {

@@ -9,7 +9,7 @@ import pytest
 
 from symid.environment import THREAD_VARIABLES
 from symid.errors import SolverError, UsageError
-from symid.study.monte_carlo import count_jobs, run_tasks
+from symid.study.monte_carlo import run_tasks
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
@@ -36,14 +36,21 @@ def test_a_worker_that_is_ended_from_outside_is_told(jobs):
     assert caught.value.notices[0].code == "solver.worker-lost"
 
 
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_tasks_in_batches_give_the_same(jobs):
+    said = []
+    found = run_tasks(math.factorial, range(7), jobs=jobs, batch=3, progress=lambda *pair: said.append(pair))
+    assert found == tuple(map(math.factorial, range(7)))
+    assert said == [(3, 7), (6, 7), (7, 7)]
+
+
 def test_no_tasks_give_no_results():
     assert run_tasks(math.factorial, ()) == ()
 
 
 def test_the_number_of_processes_is_checked():
-    assert count_jobs(None) >= 1
     with pytest.raises(UsageError) as caught:
-        count_jobs(0)
+        run_tasks(math.factorial, (), jobs=0)
     assert caught.value.notices[0].code == "usage.jobs"
 
 

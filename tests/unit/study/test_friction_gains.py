@@ -43,7 +43,7 @@ def test_gains_are_means_over_the_draws():
 
 @pytest.mark.parametrize("index", range(3))
 def test_richer_laws_leave_less(index):
-    draws = fit_laws((build_gain_scene(index), range(4)))
+    draws = [fit_laws((build_gain_scene(index), seed)) for seed in range(4)]
     for draw in draws:
         viscous, stribeck, improved = draw.fitted
         assert len(draw.fitted) == len(LAWS)

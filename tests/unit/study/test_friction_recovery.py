@@ -7,7 +7,7 @@ from symid.study.friction_paper import RV_2SQ, TABLE_3, build_friction_scene, bu
 from symid.study.friction_protocols import (
     build_recovery_scene,
     build_second_scene,
-    fit_draws,
+    fit_draw,
     summarise_recovery,
 )
 
@@ -68,7 +68,7 @@ def test_mean_deviation_and_bias_are_those_of_the_draws():
 @pytest.mark.parametrize("index", range(3))
 def test_draws_come_back_near_the_truth(index):
     found = summarise_recovery(
-        build_recovery_scene(index), fit_draws((build_recovery_scene(index), range(4)))
+        build_recovery_scene(index), [fit_draw((build_recovery_scene(index), seed)) for seed in range(4)]
     )
     assert all(entry.error < 5.0 for entry in found.parameters)
     assert found.solves <= 150
@@ -79,7 +79,7 @@ def test_the_second_robot_comes_back(index):
     scene = build_second_scene(index)
     assert scene.noise == pytest.approx(0.02 * RV_2SQ[index].values[0])
     assert np.max(np.abs(scene.velocity[:1000])) == pytest.approx(3.0 * RV_2SQ[index].values[2], rel=1e-4)
-    found = summarise_recovery(scene, fit_draws((scene, range(3))))
+    found = summarise_recovery(scene, [fit_draw((scene, seed)) for seed in range(3)])
     assert found.law == RV_2SQ[index].law
     assert all(entry.told and entry.error < 5.0 for entry in found.parameters)
 

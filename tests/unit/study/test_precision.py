@@ -16,7 +16,7 @@ def robot(robots_folder):
 
 
 def test_the_bound_is_reached_and_deviations_are_honest(robot, monkeypatch):
-    monkeypatch.setattr(precision, "_SEEDS_PER_TASK", 15)
+    monkeypatch.setattr(precision, "_BATCH", 15)
     found = study_precision(robot, range(60), jobs=1)
     assert found.robot == "two_link"
     assert [entry.method for entry in found.methods] == ["wls", "momentum", "consistent"]

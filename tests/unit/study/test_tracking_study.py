@@ -10,9 +10,9 @@ from symid.study import elastic_held_out as tracking_study
 
 def test_the_automatic_choice_has_all_its_candidates(monkeypatch):
     fit_all = Mock(side_effect=KeyError("asked"))
-    for name in ("prepare_world", "observe_runs"):
+    for name in ("prepare_elastic_scene", "observe_runs"):
         monkeypatch.setattr(tracking_study, name, Mock())
-    monkeypatch.setattr(tracking_study, "fit_all", fit_all)
+    monkeypatch.setattr(tracking_study, "fit_all_methods", fit_all)
     with pytest.raises(KeyError, match="asked"):
         tracking_study._run_seed((Mock(), "auto", 1))
     methods = set(fit_all.call_args.args[3])

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.unit.rows.test_identifiability import FILTERED
 
 from symid.identification.rigid.fit import identify_parameters
 from symid.logs.recording import Recording
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
+from tests.unit.identification.regression.test_identifiability import FILTERED
 
 PERIOD = 1e-3
 PAUSES = 3.0

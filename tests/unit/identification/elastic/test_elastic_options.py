@@ -3,8 +3,8 @@
 import pytest
 
 from symid.errors import UsageError
-from symid.identification.elastic.estimate import MethodOutcome
 from symid.identification.elastic.options import ElasticOptions, check_grids
+from symid.ipopt import Ending
 
 
 @pytest.mark.parametrize(
@@ -43,6 +43,6 @@ def test_grids_must_be_there_for_every_joint():
 
 
 def test_every_outcome_explains_itself_and_says_whether_it_can_be_used():
-    assert all(len(outcome.value) > 10 for outcome in MethodOutcome)
-    unusable = {outcome for outcome in MethodOutcome if not outcome.usable}
-    assert unusable == {MethodOutcome.INFEASIBLE, MethodOutcome.DIVERGED, MethodOutcome.FAILED}
+    assert all(len(outcome.value) > 10 for outcome in Ending)
+    unusable = {outcome for outcome in Ending if not outcome.usable}
+    assert unusable == {Ending.INFEASIBLE, Ending.DIVERGED, Ending.FAILED}

@@ -10,11 +10,10 @@ from symid.identification.elastic.nlp_cost import (
     build_layout,
     build_spring,
     build_start,
-    draw_start,
     flatten_slopes,
     list_weights,
 )
-from symid.identification.elastic.nlp_rows import NlpOptions
+from symid.identification.elastic.options import NlpOptions
 from symid.robot.elasticity import Elasticity, Knee, Stop
 
 
@@ -98,13 +97,3 @@ def test_a_start_is_the_spring_itself_or_shares_of_a_linear_one():
     linear = list_weights(Elasticity(stiffness=100.0), GRID.thresholds)
     assert linear.sum() == pytest.approx(100.0)
     assert np.all(linear > 0.0)
-
-
-def test_random_starts_are_feasible_and_of_their_generator():
-    layout = build_layout(CARD, [GRID], NlpOptions(stribeck=True))
-    x = build_start(layout, np.array([1.0, 0.2, 0.3, 0.4, 0.0]), [Elasticity(stiffness=100.0)])
-    starts = [draw_start(layout, x, np.random.default_rng(seed)) for seed in (1, 1, 2)]
-    np.testing.assert_array_equal(starts[0], starts[1])
-    assert not np.allclose(starts[0], starts[2])
-    for start in starts:
-        assert np.all((start >= layout.lower) & (start <= layout.upper))

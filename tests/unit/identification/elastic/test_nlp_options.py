@@ -3,7 +3,7 @@
 import pytest
 
 from symid.errors import UsageError
-from symid.identification.elastic.nlp_rows import NlpOptions
+from symid.identification.elastic.options import NlpOptions
 
 
 def test_all_mistakes_are_reported_together():

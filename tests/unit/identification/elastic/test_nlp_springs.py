@@ -14,30 +14,29 @@ WEIGHTS = np.array([0.6, 0.4, 0.5])
 def make():
     t = np.linspace(0.0, 9.0, 400)
     phi = np.sin(3.0 * t) * np.cos(0.7 * t)
-    basis = compute_stop_basis(phi, np.array([0.1, 0.4]))
-    return basis, (basis[1:] + basis[:-1]) / 2.0
+    return compute_stop_basis(phi, np.array([0.1, 0.4]))
 
 
 def find(weights):
-    return build_knee_steps(*make(), weights, KNEES)
+    return build_knee_steps(make(), weights, KNEES)
 
 
 def test_means_are_those_of_the_dead_zones_along_each_step():
-    basis, _ = make()
+    basis = make()
     torque = basis @ WEIGHTS
     fine = torque[:-1, None] + np.diff(torque)[:, None] * ((np.arange(2000) + 0.5) / 2000.0)
     expected = np.zeros((len(fine), 3))
     for knee, slot in KNEES:
         zone = np.maximum(fine - knee, 0.0) if knee > 0 else np.minimum(fine - knee, 0.0)
         expected[:, slot] += zone.mean(axis=1)
-    np.testing.assert_allclose(find(WEIGHTS).find_means(), expected, atol=1e-8)
-    assert sum(knee.crossings.size for knee in find(WEIGHTS).passes) > 20
+    np.testing.assert_allclose(find(WEIGHTS).means, expected, atol=1e-8)
+    assert sum(len(steps) for _, steps, *_ in find(WEIGHTS).crossings) > 20
 
 
 def test_slopes_are_the_derivatives_by_the_weights():
     found = find(WEIGHTS).find_slopes(SLOPES)
     for column, step in enumerate(1e-6 * np.eye(3)):
-        before, after = (find(WEIGHTS + sign * step).find_means() @ SLOPES for sign in (-1.0, 1.0))
+        before, after = (find(WEIGHTS + sign * step).means @ SLOPES for sign in (-1.0, 1.0))
         np.testing.assert_allclose(found[:, column], (after - before) / 2e-6, atol=2e-5)
 
 
@@ -62,16 +61,17 @@ def test_cross_terms_and_curvature_are_the_derivatives_of_the_slopes():
 
 
 def test_a_spring_without_knees_has_no_steps():
-    steps = build_knee_steps(*make(), WEIGHTS, ())
-    assert steps.find_means().shape == (399, 0)
+    steps = build_knee_steps(make(), WEIGHTS, ())
+    assert steps.means.shape == (399, 0)
     assert not steps.find_slopes(np.zeros(0)).any()
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_one_crossing_by_hand(side):
     basis = side * np.array([[-1.0], [3.0]])
-    (knee,) = build_knee_steps(basis, basis[:1] + 2.0 * side, np.ones(1), ((side * 1.0, 0),)).passes
+    found = build_knee_steps(basis, np.ones(1), ((side * 1.0, 0),))
     # Half of the step lies beyond the knee and reaches 2: the mean is 2 * 0.5 / 2.
-    assert knee.mean == pytest.approx([side * 0.5])
-    assert (knee.place[0], abs(knee.width[0])) == (pytest.approx(0.5), pytest.approx(4.0))
-    assert (knee.start[0], knee.end[0]) == (pytest.approx(0.125), pytest.approx(0.375))
+    assert found.means[0] == pytest.approx([side * 0.5])
+    ((_, _, place, bend),) = found.crossings
+    assert (place[0], bend[0]) == (pytest.approx(0.5), pytest.approx(side * 0.25))
+    assert (found.starts[0, 0], found.ends[0, 0]) == (pytest.approx(0.125), pytest.approx(0.375))

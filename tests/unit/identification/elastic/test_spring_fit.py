@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from symid.identification.elastic.spring_fit import (
-    build_knee_grid,
     compute_filtered_torque,
     filter_parts,
     fit_spring,
@@ -21,6 +20,7 @@ from symid.identification.hysteresis.prandtl_ishlinskii_fit import (
     LEAST_KNEE,
     SpringWeights,
     build_elasticity,
+    build_knee_grid,
     compute_local_slopes,
     compute_ramps,
     hold_knees,
@@ -33,10 +33,8 @@ GRID = np.array([0.002, 0.005, 0.010])
 TRUE = SpringWeights(
     thresholds=GRID,
     stiffness=np.array([380.0, 120.0, 60.0, 40.0]),
-    below=np.array([-3.0]),
-    above=np.array([2.0, 5.0]),
-    below_slopes=np.array([1.5]),
-    above_slopes=np.array([1.4, 0.7]),
+    knees=np.array([-3.0, 2.0, 5.0]),
+    slopes=np.array([1.5, 1.4, 0.7]),
 )
 
 
@@ -75,10 +73,8 @@ def test_stops_alone_are_found_exactly(data):
     plain = SpringWeights(
         thresholds=data.thresholds,
         stiffness=TRUE.stiffness,
-        below=np.zeros(0),
-        above=np.zeros(0),
-        below_slopes=np.zeros(0),
-        above_slopes=np.zeros(0),
+        knees=np.zeros(0),
+        slopes=np.zeros(0),
     )
     assert np.allclose(
         fit_stops(data, compute_filtered_torque(data, plain)).stiffness, TRUE.stiffness, rtol=1e-9
@@ -90,10 +86,8 @@ def test_knees_at_their_places_are_found_with_the_stops(data, target):
     start = SpringWeights(
         thresholds=data.thresholds,
         stiffness=start.stiffness,
-        below=TRUE.below,
-        above=TRUE.above,
-        below_slopes=np.ones(1),
-        above_slopes=np.ones(2),
+        knees=TRUE.knees,
+        slopes=np.ones(3),
     )
     found = fit_spring(data, target, start, tolerance=1e-14, iterations=40)
     assert np.allclose(found.stiffness, TRUE.stiffness, rtol=1e-4)
@@ -105,14 +99,12 @@ def refine(phi, target, *, stops=8, knees=4):
     grid = np.arange(1, stops + 1) / (stops + 1.0) * np.abs(phi).max()
     data = prepare_spring_data([phi], [KEEP], grid, RATE, [PERIOD])
     start = fit_stops(data, target)
-    below, above = build_knee_grid(data, start.stiffness, knees)
+    grid = build_knee_grid([part @ start.stiffness for part in data.basis], knees)
     start = SpringWeights(
         thresholds=data.thresholds,
         stiffness=start.stiffness,
-        below=below,
-        above=above,
-        below_slopes=np.ones(knees),
-        above_slopes=np.ones(knees),
+        knees=grid,
+        slopes=np.ones(2 * knees),
     )
     found = refine_spring(data, target, fit_spring(data, target, start))
     found = follow_spring(data, target, found, tolerance=1e-9)
@@ -124,7 +116,7 @@ def test_positions_are_found_from_a_grid(phi, target):
     error = torque - target
     assert np.linalg.norm(error) < 3e-3 * np.linalg.norm(target)
     assert len(found.thresholds) <= 5
-    assert found.knees <= 6
+    assert len(found.knees) <= 6
     whole = build_elasticity(found)
     assert whole.initial_stiffness == pytest.approx(600.0, rel=0.02)
 
@@ -133,39 +125,36 @@ def test_positions_are_found_from_a_grid(phi, target):
 def test_a_knee_at_hardly_any_torque_does_not_set_the_scale(phi, data, torque):
     """Beyond it the true spring is stiffer by half: that is the stiffness at small torsion."""
     knees = {
-        "below": np.array([-torque]),
-        "above": np.array([torque]),
-        "below_slopes": np.array([1.5]),
-        "above_slopes": np.array([1.5]),
+        "knees": np.array([-torque, torque]),
+        "slopes": np.array([1.5, 1.5]),
     }
     true = replace(TRUE, thresholds=data.thresholds, **knees)
     target = compute_filtered_torque(data, true)
     found, reached = refine(phi, target)
     assert np.linalg.norm(reached - target) < 1e-3 * np.linalg.norm(target)
-    places = np.abs(np.concatenate([found.below, found.above]))
+    places = np.abs(found.knees)
     assert np.all(places > 0.9 * LEAST_KNEE * np.abs(target).max() / 1.5)
     assert build_elasticity(found).initial_stiffness > 800.0
     assert len(found.thresholds) <= 4
 
 
 def test_knees_are_held_away_from_zero_torque_in_their_order():
-    held = hold_knees(np.array([0.001, 0.002, 5.0]), 10.0)
-    assert np.allclose(held, [0.3, 0.33, 5.0])
-    assert np.allclose(hold_knees(np.array([-0.001, -4.0]), 10.0), [-0.3, -4.0])
+    held = hold_knees(np.array([-0.001, -4.0, 0.001, 0.002, 5.0]), 20.0, 10.0)
+    assert np.allclose(held, [-0.6, -4.0, 0.3, 0.33, 5.0])
 
 
 @pytest.mark.parametrize(("stops", "knees"), [(0, 4), (8, 0), (0, 0)])
 def test_none_means_none(phi, target, stops, knees):
     found, _ = refine(phi, target, stops=stops, knees=knees)
     assert len(found.thresholds) == 0 or stops
-    assert found.knees == 0 or knees
+    assert not len(found.knees) or knees
 
 
 def test_knee_grids_lie_between_zero_and_the_torque_reached(data):
-    below, above = build_knee_grid(data, TRUE.stiffness, 3)
+    grid = build_knee_grid([part @ TRUE.stiffness for part in data.basis], 3)
     inner = data.basis[0] @ TRUE.stiffness
-    assert np.allclose(below, inner.min() * np.array([1, 3, 5]) / 6.0)
-    assert np.allclose(above, inner.max() * np.array([1, 3, 5]) / 6.0)
+    assert np.allclose(grid[:3], inner.min() * np.array([1, 3, 5]) / 6.0)
+    assert np.allclose(grid[3:], inner.max() * np.array([1, 3, 5]) / 6.0)
 
 
 def test_non_negative_least_squares_leaves_out_what_would_be_negative():
@@ -178,10 +167,8 @@ def test_a_spring_that_would_not_rise_gets_a_rest(data):
     weights = SpringWeights(
         thresholds=GRID,
         stiffness=np.array([0.0, 100.0, 0.0, 0.0]),
-        below=np.zeros(0),
-        above=np.zeros(0),
-        below_slopes=np.zeros(0),
-        above_slopes=np.zeros(0),
+        knees=np.zeros(0),
+        slopes=np.zeros(0),
     )
     spring = build_elasticity(weights)
     assert 0.0 < spring.stiffness < 1e-3

@@ -8,7 +8,6 @@ import pytest
 
 from symid.cli.main import run
 from symid.errors import EstimateError
-from symid.identification.elastic.estimate import read_elastic_estimate, write_elastic_estimate
 from symid.identification.elastic.identify import identify_elastic
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.elastic.regression import solve_with_signs
@@ -16,8 +15,9 @@ from symid.identification.elastic.uncertainty import (
     compute_clustered_covariance,
     compute_covariance,
     mark_unidentifiable,
-    mask_identifiable,
+    measure_identifiability,
 )
+from symid.identification.stored import read_fit, write_fit
 from symid.robot.toml_reader import read_robot
 from symid.robot.toml_settings import describe_settings
 from tests.recovery.elastic_runs import prepare_arm, run_arm
@@ -41,7 +41,9 @@ def rows():
 
 
 def test_the_covariance_of_full_rows_is_the_inverse(rows):
-    assert mask_identifiable(rows).all()
+    told, condition = measure_identifiability(rows)
+    assert told.all()
+    assert condition == pytest.approx(np.linalg.cond(rows / np.linalg.norm(rows, axis=0)))
     assert np.allclose(compute_covariance(rows), np.linalg.inv(rows.T @ rows), rtol=1e-6, atol=0.0)
 
 
@@ -61,7 +63,7 @@ def test_what_is_not_told_has_an_infinite_variance(rows, size):
     """A column of nothing, or of rounding, and two columns in a fixed proportion."""
     rows[:, 3] *= size
     rows[:, 7] = 2.0 * rows[:, 5]
-    told = mask_identifiable(rows)
+    told, _ = measure_identifiability(rows)
     assert np.flatnonzero(~told).tolist() == [3, 5, 7]
     for covariance in (compute_covariance(rows), compute_clustered_covariance(rows, np.ones(len(rows)))):
         assert np.array_equal(np.isinf(np.diag(covariance)), ~told)
@@ -105,30 +107,30 @@ def refuse(estimate):
 
 
 def test_a_refused_spring_is_read_as_it_was_written(tmp_path, arm, estimate):
-    path = write_elastic_estimate(refuse(estimate), tmp_path / "estimate.json")
-    assert read_elastic_estimate(path, arm[1].card) == refuse(estimate)
+    path = write_fit(refuse(estimate), tmp_path / "estimate.json")
+    assert read_fit(path, arm[1].card) == refuse(estimate)
 
 
 def test_estimates_of_before_springs_could_be_refused_are_read(tmp_path, estimate):
-    path = write_elastic_estimate(estimate, tmp_path / "estimate.json")
+    path = write_fit(estimate, tmp_path / "estimate.json")
     data = json.loads(path.read_text(encoding="utf-8"))
     for entry in data["springs"]:
         del entry["told"], entry["reason"]
     path.write_text(json.dumps(data), encoding="utf-8")
-    assert read_elastic_estimate(path) == estimate
+    assert read_fit(path) == estimate
 
 
 def test_a_flag_that_is_none_is_refused(tmp_path, estimate):
-    path = write_elastic_estimate(estimate, tmp_path / "estimate.json")
+    path = write_fit(estimate, tmp_path / "estimate.json")
     data = json.loads(path.read_text(encoding="utf-8"))
     data["springs"][0]["told"] = 1
     path.write_text(json.dumps(data), encoding="utf-8")
     with pytest.raises(EstimateError, match="expected true or false"):
-        read_elastic_estimate(path)
+        read_fit(path)
 
 
 def test_a_refused_spring_is_not_exported(capsys, tmp_path, robots_folder, estimate):
-    path = write_elastic_estimate(refuse(estimate), tmp_path / "estimate.json")
+    path = write_fit(refuse(estimate), tmp_path / "estimate.json")
     file = tmp_path / "found.toml"
     code = run(["export", "two_link_elastic", str(path), "-o", str(file), "--json"])
     answer = json.loads(capsys.readouterr().out)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from symid.excitation.trajectories import build_cosine_trajectory
+from symid.excitation.trajectories import Trajectory
 from symid.joint_models.friction_catalogue import get_law
 from symid.joint_models.friction_law import compute_friction_torque
 from symid.logs.recording import Recording
@@ -29,8 +29,16 @@ def record(
     seed=0,
 ):
     """Return the recording of a cosine of the first joint whose velocity reaches `peak`."""
-    motion = build_cosine_trajectory(
-        joint=0, amplitude=amplitude, omega=peak / amplitude, pose=pose, periods=periods, ramp=1e-9
+    omega = peak / amplitude
+    motion = Trajectory(
+        centre=pose,
+        amplitude=[[amplitude], [0.0]],
+        frequency=[[omega], [omega]],
+        phase=np.full((2, 1), 0.5 * np.pi),
+        decay=np.zeros(2),
+        ramp=1e-9,
+        duration=1e-9 + periods * 2.0 * np.pi / omega,
+        source="cosine of joint 1",
     )
     time = np.arange(round(motion.duration * RATE)) / RATE
     q, dq, ddq = motion.evaluate(time)

@@ -9,7 +9,6 @@ from scipy.integrate import solve_ivp
 from symid.errors import UsageError
 from symid.identification.friction.output_error import (
     AxisModel,
-    compute_axis_rates,
     compute_axis_terms,
     compute_force_columns,
     simulate_axis,
@@ -177,8 +176,9 @@ def test_rates_are_the_slopes_of_the_simulation(name):
     model, values = AxisModel(law=get_law(name), terms=terms), np.array(numbers)
     force = 90.0 * np.sin(2.0 * np.pi * 2.5 * PERIOD * np.arange(401) + 0.3)
     start = (0.05, -0.01, 0.7)
-    position, rates = compute_axis_rates(model, values, force, PERIOD, start)
-    assert np.array_equal(position, simulate_axis(model, values, force, PERIOD, start)[0])
+    states = simulate_axis(model, values, force, PERIOD, start, rates=True)
+    assert np.array_equal(states[0], simulate_axis(model, values, force, PERIOD, start)[0])
+    rates = states[2 : 2 + len(values)].T
     for k, value in enumerate(values):
         step = 1e-5 * abs(value)
         ends = []
@@ -216,9 +216,8 @@ def test_without_force_the_axis_only_slows_down(speed, values):
 def test_one_sample_is_the_start():
     position, speed = simulate_axis(SYMMETRIC, np.ones(4), np.ones(1), PERIOD, (0.3, 0.2, 0.0))
     assert (position.tolist(), speed.tolist()) == ([0.3], [0.2])
-    assert compute_axis_rates(SYMMETRIC, np.ones(4), np.ones(1), PERIOD, (0.3, 0.2, 0.0))[1].tolist() == [
-        [0.0] * 4
-    ]
+    states = simulate_axis(SYMMETRIC, np.ones(4), np.ones(1), PERIOD, (0.3, 0.2, 0.0), rates=True)
+    assert states[2:].tolist() == [[0.0]] * 8
 
 
 @pytest.mark.parametrize("terms", [("offset",), ("wind",), ("drift", "drift")])

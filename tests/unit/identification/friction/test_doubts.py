@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from symid.identification.friction.estimate import SearchOutcome
 from symid.identification.friction.estimators import fit_friction
 from symid.identification.friction.problem import FrictionOptions, VariableProjectionOptions
 from symid.identification.friction.selection import select_law
+from symid.ipopt import Ending
 from symid.joint_models.friction_catalogue import get_law
 from tests.frictions import TABLE_3, build_cosines, draw_s1, draw_s2, draw_samples
 
@@ -35,7 +35,7 @@ def test_a_good_log_is_not_doubted():
         estimate = fit_friction(*draw())
         assert estimate.refused == ()
         assert find_codes(estimate) <= {"friction.one-direction"}
-        assert estimate.outcome is SearchOutcome.CONVERGED
+        assert estimate.outcome is Ending.CONVERGED
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.5])
@@ -60,7 +60,7 @@ def test_at_one_speed_coulomb_and_viscous_friction_are_refused(both, blur):
     estimate = fit("coulomb-viscous", (11.0, 20.0), velocity, blur=blur)
     assert estimate.parameters == ()
     assert all("one speed only, 0.2 rad/s" in reason for _, reason in estimate.refused)
-    assert estimate.outcome is SearchOutcome.SOME_REFUSED
+    assert estimate.outcome is Ending.SOME_REFUSED
 
 
 def test_at_one_speed_coulomb_friction_alone_can_be_told():
@@ -134,7 +134,7 @@ def test_what_is_beyond_a_physical_bound_is_told():
 def test_a_search_that_was_cut_short_is_told():
     options = FrictionOptions(variable_projection=VariableProjectionOptions(solves=52))
     estimate = fit_friction(*draw_s2(), options=options)
-    assert estimate.outcome is SearchOutcome.LIMIT
+    assert estimate.outcome is Ending.LIMIT
     assert "friction.outcome" in find_codes(estimate)
 
 
@@ -154,7 +154,7 @@ def test_samples_that_are_not_fitted_show_nothing(name):
     expected = {entry.name for entry in get_law(name).physical if entry.name in bump}
     assert expected <= refused.keys()
     assert "no row is slower than the Stribeck velocity: the slowest moves at 0.1 rad/s" in refused["vs"]
-    assert estimate.outcome is SearchOutcome.SOME_REFUSED
+    assert estimate.outcome is Ending.SOME_REFUSED
 
 
 def test_a_law_that_rests_on_samples_left_out_is_not_chosen():

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from symid import ipopt
 from symid.errors import IdentifiabilityError, SolverError, UsageError
-from symid.identification.friction import bounded_search as nlp
 from symid.identification.friction.estimators import ESTIMATORS, STOCHASTIC, fit_friction
 from symid.identification.friction.problem import FrictionOptions, build_problem
+from symid.ipopt import Ending
 from symid.joint_models.friction_catalogue import FRICTION_LAWS, get_law
 from symid.joint_models.friction_law import compute_columns
 from tests.frictions import build_cosines, draw_s1, draw_s2, draw_samples
@@ -127,8 +128,8 @@ def test_bounds_are_kept():
 
 
 def test_a_solver_that_fails_gives_no_numbers(monkeypatch):
-    ended = ("FAILED", "a function gave no finite number (Invalid_Number_Detected)")
-    monkeypatch.setattr(nlp, "find_ipopt_ending", lambda _: ended)
+    ended = (Ending.FAILED, "a function gave no finite number (Invalid_Number_Detected)")
+    monkeypatch.setattr(ipopt, "describe_ipopt_status", lambda _: ended)
     with pytest.raises(SolverError, match="Invalid_Number") as refused:
         fit_friction(*draw_s2(), estimator="nlp")
     assert refused.value.notices[0].code == "friction.solver"

@@ -9,11 +9,9 @@ from symid.identification.friction.bounded_search import (
     compute_spread,
     draw_children,
     draw_winners,
-    search_by_annealing,
     search_by_evolution,
-    search_by_genes,
+    search_by_population,
 )
-from symid.identification.friction.estimate import SearchOutcome
 from symid.identification.friction.problem import (
     AnnealingOptions,
     EvolutionOptions,
@@ -22,12 +20,13 @@ from symid.identification.friction.problem import (
     build_problem,
 )
 from symid.identification.friction.variable_projection import search_by_projection
+from symid.ipopt import Ending
 from tests.frictions import draw_s1, draw_s2
 
 OPTIONS = FrictionOptions()
 SEARCHES = {
-    "genetic": lambda problem, rng: search_by_genes(problem, GeneticOptions(), rng),
-    "annealing": lambda problem, rng: search_by_annealing(problem, AnnealingOptions(), rng),
+    "genetic": lambda problem, rng: search_by_population(problem, GeneticOptions(), rng),
+    "annealing": lambda problem, rng: search_by_population(problem, AnnealingOptions(), rng),
     "evolution": lambda problem, rng: search_by_evolution(problem, EvolutionOptions(), rng),
 }
 each_search = pytest.mark.parametrize("name", sorted(SEARCHES))
@@ -41,7 +40,7 @@ def test_the_optimum_is_found(name, draw):
     best = search_by_projection(problem, OPTIONS.variable_projection)
     assert best.objective <= search.objective * (1.0 + 1e-9)
     assert search.objective <= best.objective * (1.0 + 1e-5)
-    assert search.outcome is SearchOutcome.STAGNATED
+    assert search.outcome is Ending.STAGNATED
     found = problem.find_objectives(search.linear[None, :], search.shape[None, :])
     assert search.objective == pytest.approx(float(found[0]), rel=1e-12)
 
@@ -69,12 +68,12 @@ def test_too_few_generations_are_reported():
     problem = build_problem(*draw_s1(), OPTIONS)
     rng = np.random.default_rng(0)
     ends = (
-        search_by_genes(problem, GeneticOptions(generations=3), rng),
-        search_by_annealing(problem, AnnealingOptions(generations=3), rng),
+        search_by_population(problem, GeneticOptions(generations=3), rng),
+        search_by_population(problem, AnnealingOptions(generations=3), rng),
         search_by_evolution(problem, EvolutionOptions(generations=3), rng),
     )
     for end in ends:
-        assert end.outcome is SearchOutcome.LIMIT
+        assert end.outcome is Ending.LIMIT
         assert "3 generations" in end.ended
 
 

@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tests.unit.friction.cosine_rigs import BETA, DECIMATED, RATE, RAW, record
 
 from symid.errors import IdentifiabilityError, LogError
 from symid.identification.friction.extraction import (
@@ -18,6 +17,7 @@ from symid.identification.friction.samples import build_friction_rows, select_fr
 from symid.logs.recording import Recording
 from symid.robot.description import Processing
 from tests.recovery.closed_form import build_one_axis, build_two_link
+from tests.unit.identification.friction.cosine_rigs import BETA, DECIMATED, RATE, RAW, record
 
 LIBRARY = build_two_link()
 
@@ -201,13 +201,13 @@ def test_periods_are_averaged(period):
         source="log",
     )
     folded = fold_recording(recording, period)
-    assert (folded.periods, folded.samples) == (5, 1000)
-    assert len(folded.recording.time) == 3000
-    # Between samples, noise is that of a mean of two.
-    assert folded.scatter == pytest.approx([0.1 if period == 2.0 else 0.1 * np.sqrt(2 / 3)], rel=0.1)
-    error = folded.recording.torque[1000:2000, 0] - np.sin(2.0 * np.pi * np.arange(1000) / 1000)
-    assert np.std(error) == pytest.approx(folded.scatter[0] / np.sqrt(5), rel=0.15)
-    assert [notice.code for notice in folded.recording.notices] == ["log.folded"]
+    assert len(folded.time) == 3000
+    error = folded.torque[1000:2000, 0] - np.sin(2.0 * np.pi * np.arange(1000) / 1000)
+    # Between samples, noise is that of a mean of two; that of five periods is averaged.
+    scatter = 0.1 if period == 2.0 else 0.1 * np.sqrt(2 / 3)
+    assert np.std(error) == pytest.approx(scatter / np.sqrt(5), rel=0.15)
+    assert "5 periods" in folded.notices[0].text
+    assert [notice.code for notice in folded.notices] == ["log.folded"]
 
 
 def test_a_joint_that_rests_has_no_period_to_be_wrong():
@@ -215,7 +215,7 @@ def test_a_joint_that_rests_has_no_period_to_be_wrong():
     noise = 1e-6 * np.random.default_rng(0).normal(size=len(time))
     position = np.column_stack([np.cos(np.pi * time) + 0.03 * time, noise])
     recording = Recording(time=time, position=position, torque=np.zeros_like(position), source="log")
-    codes = [notice.code for notice in fold_recording(recording, 2.0).recording.notices]
+    codes = [notice.code for notice in fold_recording(recording, 2.0).notices]
     assert codes == ["log.folded", "log.not-periodic"]
 
 
@@ -224,9 +224,9 @@ def test_a_mean_period_is_continued_by_the_margin_asked_for():
     position = np.sin(np.pi * time)[:, None]
     recording = Recording(time=time, position=position, torque=position, source="log")
     folded = fold_recording(recording, 2.0, margin=2300)
-    assert folded.recording.position.shape == (2300 + 1000 + 2300, 1)
+    assert folded.position.shape == (2300 + 1000 + 2300, 1)
     expected = np.sin(2.0 * np.pi * np.arange(-2300, 3300) / 1000)
-    assert np.allclose(folded.recording.position[:, 0], expected)
+    assert np.allclose(folded.position[:, 0], expected)
 
 
 def test_a_wrong_period_is_told_or_refused_and_a_short_log_refused():
@@ -235,7 +235,7 @@ def test_a_wrong_period_is_told_or_refused_and_a_short_log_refused():
     recording = Recording(
         time=time, position=(np.cos(2.0 * time) + drift)[:, None], torque=np.sin(time)[:, None], source="log"
     )
-    codes = [notice.code for notice in fold_recording(recording, np.pi).recording.notices]
+    codes = [notice.code for notice in fold_recording(recording, np.pi).notices]
     assert codes == ["log.folded", "log.not-periodic"]
     with pytest.raises(LogError, match="one for each log") as caught:
         fold_recording(recording, 2.5)

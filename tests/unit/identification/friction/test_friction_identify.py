@@ -8,16 +8,6 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 from scipy.stats import ttest_ind
-from tests.unit.friction.cosine_rigs import (
-    BETA,
-    PLAIN,
-    RAW,
-    STRIBECK,
-    assert_near_truth,
-    find_values,
-    load_recording,
-    record,
-)
 
 from symid.errors import EstimateError, IdentifiabilityError, LogError, UsageError
 from symid.identification.estimators.estimate import ParameterEstimate
@@ -35,17 +25,23 @@ from symid.identification.friction.poses import (
     compute_robust_deviations,
     list_poses,
 )
-from symid.identification.friction.results import (
-    is_friction_result,
-    read_friction_result,
-    write_friction_result,
-)
 from symid.identification.friction.samples import FrictionSamples
+from symid.identification.stored import is_fit, read_fit, write_fit
 from symid.joint_models.friction_catalogue import get_law
 from symid.joint_models.friction_law import compute_friction_torque
 from symid.logs.recording import Recording
 from symid.robot.description import Processing
 from tests.recovery.closed_form import build_two_link
+from tests.unit.identification.friction.cosine_rigs import (
+    BETA,
+    PLAIN,
+    RAW,
+    STRIBECK,
+    assert_near_truth,
+    find_values,
+    load_recording,
+    record,
+)
 
 LIBRARY = build_two_link()
 SLOW_AND_FAST = (record(0.15), record(1.0, seed=1))
@@ -252,10 +248,10 @@ def test_results_are_read_back_without_loss(tmp_path):
     third = record(1.0, pose=(0.3, 1.2), seed=2)
     found = identify(*SLOW_AND_FAST, third, candidates=FEW)
     assert found.joints[0].poses is not None
-    path = write_friction_result(found, tmp_path / "friction.json")
-    assert is_friction_result(path)
-    again = read_friction_result(path)
-    assert write_friction_result(again, tmp_path / "again.json").read_text() == path.read_text()
+    path = write_fit(found, tmp_path / "friction.json")
+    assert is_fit(path)
+    again = read_fit(path)
+    assert write_fit(again, tmp_path / "again.json").read_text() == path.read_text()
     assert replace(again.joints[0], velocity_map=None) == replace(found.joints[0], velocity_map=None)
     assert again.notices == found.notices
 
@@ -265,11 +261,11 @@ def test_results_are_read_back_without_loss(tmp_path):
     [
         (lambda data: data.pop("joints"), "joints is missing"),
         (lambda data: data.update(extra=1), "extra is unknown"),
-        (lambda data: data.update(robot=3), "robot: expected str"),
+        (lambda data: data.update(robot=3), "robot: expected text"),
         (lambda data: data.update(version=9), "version 9"),
-        (lambda data: data.update(format="something"), "no friction of a robot"),
+        (lambda data: data.update(format="something"), "not an estimate written by symid"),
         (lambda data: data["joints"][0]["estimate"].update(outcome="LUCKY"), "LUCKY"),
-        (lambda data: data["joints"][0]["estimate"].update(linear=[True]), "expected int or float"),
+        (lambda data: data["joints"][0]["estimate"].update(linear=[True]), "expected a number"),
         (lambda data: data.update(refused=[["a"]]), "expected 2 entries"),
         (lambda data: data.update(joints=[]), "joints is empty"),
         (lambda data: data["joints"][0]["estimate"].update(law="zzz"), "no friction law is called 'zzz'"),
@@ -286,12 +282,12 @@ def test_results_are_read_back_without_loss(tmp_path):
 )
 def test_files_that_are_no_results_are_refused(tmp_path, change, told):
     found = identify(record(1.0, law="coulomb-viscous-offset"), model="coulomb-viscous-offset")
-    path = write_friction_result(found, tmp_path / "friction.json")
+    path = write_fit(found, tmp_path / "friction.json")
     data = json.loads(path.read_text())
     change(data)
     path.write_text(json.dumps(data))
     with pytest.raises(EstimateError, match=told) as caught:
-        read_friction_result(path)
+        read_fit(path)
     assert caught.value.notices[0].code == "estimate.format"
 
 
@@ -300,9 +296,9 @@ def test_files_that_are_no_json_are_refused(tmp_path):
     for text in (None, "{"):
         if text is not None:
             path.write_text(text)
-        assert not is_friction_result(path)
+        assert not is_fit(path)
         with pytest.raises(EstimateError):
-            read_friction_result(path)
+            read_fit(path)
 
 
 def build_poses(*levels, noise=0.05):

@@ -4,18 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.unit.friction.cosine_rigs import BETA, DECIMATED, RAW, load_recording, record
 
 from symid.errors import EstimateError, IdentifiabilityError
+from symid.identification.estimators.estimate import check_model
 from symid.identification.friction.identify import FrictionTask, identify_friction
-from symid.identification.friction.validation import (
-    check_friction_model,
-    read_known_parameters,
-    validate_friction,
-)
+from symid.identification.friction.validation import read_known_parameters, validate_friction
 from symid.joint_models.friction_catalogue import get_law
 from symid.joint_models.friction_law import compute_friction_torque
 from tests.recovery.closed_form import build_two_link
+from tests.unit.identification.friction.cosine_rigs import BETA, DECIMATED, RAW, load_recording, record
 
 TASK = FrictionTask(model="stribeck+offset", poses=False)
 KNOWN = {"rigid": "known", "known_values": None}
@@ -180,16 +177,16 @@ def test_speeds_beyond_those_fitted_are_told(library, found):
 
 def test_another_model_is_refused(library, found):
     changed = replace(library.card, signature="0" * 64)
-    with pytest.raises(EstimateError, match="is another one now"):
-        check_friction_model(found, changed, "friction.json")
+    with pytest.raises(EstimateError, match="has changed since"):
+        check_model(found, changed, "friction.json")
     with pytest.raises(EstimateError, match="identified for robot"):
-        check_friction_model(found, replace(changed, robot="other"), "friction.json")
+        check_model(found, replace(changed, robot="other"), "friction.json")
     (joint,) = found.joints
     unknown = replace(joint, estimate=replace(joint.estimate, joint="wheel"))
     with pytest.raises(EstimateError, match=r"'wheel' must be joints of robot 'two_link'"):
-        check_friction_model(replace(found, joints=(unknown,)), library.card)
+        check_model(replace(found, joints=(unknown,)), library.card)
     with pytest.raises(EstimateError, match=r"each once"):
-        check_friction_model(replace(found, joints=(joint, joint)), library.card)
+        check_model(replace(found, joints=(joint, joint)), library.card)
     strange = replace(joint, estimate=replace(joint.estimate, other=(1.0,)))
     with pytest.raises(EstimateError, match="beside friction"):
         validate_friction(replace(found, joints=(strange,)), library, record(0.6, seed=7), RAW)

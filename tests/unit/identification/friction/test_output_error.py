@@ -4,27 +4,23 @@ import numpy as np
 import pytest
 
 from symid.errors import LogError
-from symid.identification.friction.law_comparison import (
-    AxisTrial,
-    SearchPlan,
-    choose_axis_trial,
-    compute_axis_states,
-    fit_in_windows,
-    fit_whole_run,
-    try_axis_model,
-)
 from symid.identification.friction.output_error import (
     GIVEN,
     AxisModel,
     AxisRun,
+    AxisTrial,
+    SearchPlan,
     Window,
+    choose_axis_trial,
     compute_output_error,
     compute_window_rmse,
     estimate_axis_start,
     fit_force,
     fit_output_error,
+    fit_whole_run,
     simulate_axis,
     split_windows,
+    try_axis_model,
 )
 from symid.joint_models.friction_catalogue import get_law
 
@@ -52,14 +48,14 @@ def whole(run):
 @pytest.mark.parametrize("model", [PLAIN, RICH], ids=lambda model: model.name)
 def test_known_values_are_found_again(model):
     run = build_run(model)
-    states = compute_axis_states(run, 60.0)
-    fits = fit_in_windows(model, run, states, whole(run), (0.8, 8.0))
+    plan = SearchPlan(cutoff=60.0, lengths=(0.8,), restarts=0)
+    fit = fit_whole_run(model, run, plan, generator=np.random.default_rng(0))
     # The start is read off 20 samples by a parabola: its error is what is left.
-    assert np.array(fits[-1].values) == pytest.approx(TRUTH[model.name], rel=2e-2, abs=2e-2)
-    assert fits[-1].rmse < 1e-4 < np.ptp(run.position)
-    assert fits[-1].converged
-    assert fits[-1].find_value("M") == fits[-1].values[0]
-    assert fits[-1].evaluations < 40
+    assert np.array(fit.values) == pytest.approx(TRUTH[model.name], rel=2e-2, abs=2e-2)
+    assert fit.rmse < 1e-4 < np.ptp(run.position)
+    assert fit.converged
+    assert fit.find_value("M") == fit.values[0]
+    assert fit.evaluations < 40
 
 
 def test_the_start_of_a_constant_acceleration_is_exact():
@@ -115,13 +111,11 @@ def test_samples_left_out_do_not_count():
 
 def test_restarts_never_make_a_fit_worse():
     run = build_run(PLAIN, seconds=4.0)
-    states = compute_axis_states(run, 60.0)
     fits = [
         fit_whole_run(
             PLAIN,
             run,
-            states,
-            SearchPlan(lengths=(0.8,), restarts=restarts),
+            SearchPlan(cutoff=60.0, lengths=(0.8,), restarts=restarts),
             generator=np.random.default_rng(0),
         )
         for restarts in (0, 2)
@@ -132,12 +126,8 @@ def test_restarts_never_make_a_fit_worse():
 
 def test_blocks_held_back_tell_the_richer_truth():
     run = build_run(RICH)
-    states = compute_axis_states(run, 60.0)
-    plan = SearchPlan(lengths=(0.5, 1.0), restarts=0)
-    trials = [
-        try_axis_model(model, run, states, plan, generator=np.random.default_rng(0))
-        for model in (PLAIN, RICH)
-    ]
+    plan = SearchPlan(cutoff=60.0, lengths=(0.5, 1.0), restarts=0)
+    trials = [try_axis_model(model, run, plan, generator=np.random.default_rng(0)) for model in (PLAIN, RICH)]
     assert all(len(trial.held) == 4 for trial in trials)
     assert trials[1].rmse < 1e-4 < trials[0].rmse
     assert choose_axis_trial(trials).model == RICH

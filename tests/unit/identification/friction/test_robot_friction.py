@@ -4,17 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.unit.friction.cosine_rigs import RAW, record
 
 from symid.identification.friction.identify import FrictionTask, identify_friction
 from symid.identification.friction.results import build_robot_friction, describe_obstacle
+from symid.joint_models.carriers import build_numpy_carrier
 from symid.joint_models.friction_catalogue import get_law
-from symid.joint_models.friction_law import build_numpy_carrier, compute_friction_torque
+from symid.joint_models.friction_law import compute_friction_torque
 from symid.joint_models.friction_models import compute_friction_columns
 from symid.robot.description import CurvedFriction, FrictionKind
 from symid.robot.toml_reader import parse_robot
 from symid.robot.toml_writer import write_robot
 from tests.recovery.closed_form import build_two_link
+from tests.unit.identification.friction.cosine_rigs import RAW, record
 
 # What papers print, with static friction below Coulomb friction and above.
 VALUES = {"fC": 2.3, "fV": 1.7, "fS": 3.1, "vs": 0.07, "offset": -0.4, "gamma": 1.37, "fP": 0.3, "dq0": 0.02}

@@ -3,9 +3,9 @@
 import pytest
 
 from symid.errors import UsageError
-from symid.identification.friction.estimate import SearchOutcome
 from symid.identification.friction.problem import FrictionOptions, RootFindingOptions, build_problem
 from symid.identification.friction.variable_projection import search_by_projection, search_by_roots
+from symid.ipopt import Ending
 from symid.joint_models.friction_catalogue import get_law
 from tests.frictions import build_cosines, draw_s1, draw_s2, draw_samples
 
@@ -17,7 +17,7 @@ def test_the_best_root_is_the_optimum(seed):
     problem = build_problem(*draw_s1(seed), OPTIONS)
     search = search_by_roots(problem, RootFindingOptions())
     expected = search_by_projection(problem, OPTIONS.variable_projection)
-    assert search.outcome is SearchOutcome.CONVERGED
+    assert search.outcome is Ending.CONVERGED
     assert search.objective == pytest.approx(expected.objective, rel=1e-9)
     assert search.solves == search.evaluations > 80
 
@@ -34,5 +34,5 @@ def test_without_a_root_the_better_end_is_kept():
     samples = draw_samples(law, (10.0, 20.0, 0.05, 20.0), abs(build_cosines(0.5)), noise=0.0)
     options = FrictionOptions(bounds=(("vs", (0.1, 0.2)),))
     search = search_by_roots(build_problem(samples, law, options), RootFindingOptions())
-    assert search.outcome is SearchOutcome.STALLED
+    assert search.outcome is Ending.STALLED
     assert search.shape[0] == pytest.approx(0.1)

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.unit.friction.cosine_rigs import RAW, record
 
 from symid.errors import IdentifiabilityError, UsageError
 from symid.identification.friction import selection as selection_module
@@ -20,6 +19,7 @@ from symid.identification.friction.samples import (
 from symid.identification.friction.selection import CANDIDATE_LAWS, assign_blocks, select_law
 from symid.joint_models.friction_catalogue import get_law
 from tests.recovery.closed_form import build_two_link
+from tests.unit.identification.friction.cosine_rigs import RAW, record
 
 LIBRARY = build_two_link()
 FEW = ("coulomb-viscous", "coulomb-viscous-offset", "stribeck+offset", "cubic+offset")

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.optimize import differential_evolution, least_squares
 
-from symid.identification.friction.estimate import SearchOutcome
 from symid.identification.friction.estimators import search_friction
 from symid.identification.friction.problem import (
     FrictionOptions,
@@ -15,6 +14,7 @@ from symid.identification.friction.problem import (
     build_problem,
 )
 from symid.identification.friction.variable_projection import build_shape_grid, search_by_projection
+from symid.ipopt import Ending
 from symid.joint_models.friction_catalogue import get_law
 from symid.joint_models.friction_law import compute_friction_torque
 from tests.frictions import build_cosines, draw_s1, draw_s2, draw_samples
@@ -121,7 +121,7 @@ def test_a_fixed_shape_value_is_not_searched():
     search = search_by_projection(build_problem(samples, law, fixed), FREE)
     assert search.shape.tolist() == [0.04]
     assert search.solves == 1
-    assert search.outcome is SearchOutcome.CONVERGED
+    assert search.outcome is Ending.CONVERGED
 
 
 def test_a_linear_law_is_solved_at_once():
@@ -137,7 +137,7 @@ def test_the_limit_of_linear_problems_is_kept():
     problem = build_problem(samples, law, OPTIONS)
     search = search_by_projection(problem, VariableProjectionOptions(solves=55))
     assert search.solves <= 55
-    assert search.outcome is SearchOutcome.LIMIT
+    assert search.outcome is Ending.LIMIT
 
 
 def test_a_shape_at_its_bound_and_dependent_columns_stay_finite():
@@ -154,6 +154,18 @@ def test_the_grid_stays_inside_the_bounds():
     grid = np.array(build_shape_grid(problem, FREE))
     assert len(grid) == 48
     assert np.all((grid > problem.encode(problem.low)) & (grid < problem.encode(problem.high)))
+
+
+def test_bounds_that_hold_the_other_order_of_two_slopes_alone_have_a_grid():
+    # As around an earlier fit in which g3 came out as the greater one.
+    bounds = FrictionOptions(bounds=(("g2", (40.0, 700.0)), ("g3", (1000.0, 5000.0)), ("g5", (10.0, 170.0))))
+    law = get_law("makkar")
+    samples = draw_samples(law, TRUTHS["makkar"], build_cosines(0.1, 1.0, count=400), noise=0.5)
+    problem = build_problem(samples, law, bounds)
+    assert len(build_shape_grid(problem, FREE)) == 60
+    search = search_by_projection(problem, FREE)
+    assert np.all((problem.low <= search.shape) & (search.shape <= problem.high))
+    assert search.objective <= min(search.history)
 
 
 def test_the_same_samples_give_the_same_bits():
@@ -175,7 +187,7 @@ def test_steps_that_go_too_far_do_not_alternate_about_the_optimum(name, size):
     samples = replace(samples, torque=samples.torque + size * np.sin(rate * samples.velocity))
     problem = build_problem(samples, get_law(name), OPTIONS)
     search = search_by_projection(problem, FREE)
-    assert search.outcome is SearchOutcome.CONVERGED
+    assert search.outcome is Ending.CONVERGED
     assert search.solves <= 100
     projector = Projector(problem, 10**9)
     z = problem.encode(search.shape)
@@ -187,7 +199,7 @@ def test_steps_that_go_too_far_do_not_alternate_about_the_optimum(name, size):
 def test_an_optimum_in_a_kink_ends_by_its_tolerance(joint):
     samples, law = draw_s2(joint, seed=11)
     search = search_by_projection(build_problem(samples, law, OPTIONS), FREE)
-    assert search.outcome is SearchOutcome.CONVERGED
+    assert search.outcome is Ending.CONVERGED
     assert search.solves < 150
 
 
@@ -208,7 +220,7 @@ def test_laws_with_kinks_and_jumps_end_by_their_tolerance_on_samples_of_others(n
     samples = draw_samples(law, TRUTHS[truth], velocity[np.abs(velocity) >= slow], noise=0.5, seed=3)
     problem = build_problem(samples, get_law(name), OPTIONS)
     search = search_by_projection(problem, FREE)
-    assert search.outcome is SearchOutcome.CONVERGED
+    assert search.outcome is Ending.CONVERGED
     assert search.solves <= 150
     projector = Projector(problem, 10**9)
     z = problem.encode(search.shape)

@@ -6,12 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from symid.errors import UsageError
 from symid.identification.estimators.least_squares import fit_condensed, fit_ols, fit_wls
 from symid.identification.regression import identifiability as condensation
 from symid.identification.regression.equations import build_rows, select_rows
 from symid.identification.regression.identifiability import (
-    analyse_condensed,
     analyse_identifiability,
     compute_square_sums,
     condense_rows,
@@ -19,7 +17,6 @@ from symid.identification.regression.identifiability import (
     extend_triangle,
     stack_condensed,
 )
-from symid.identification.regression.long_logs import condense_parts, condense_signals, join_condensed
 from symid.robot.description import Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_signals, build_two_link
 
@@ -91,51 +88,12 @@ def test_rows_are_factorised_once_and_forgotten_with_them(library, signals):
 @pytest.mark.parametrize("freedom", ["band", "one"])
 def test_condensed_fits_are_those_of_the_rows(rows, freedom):
     seen = analyse_identifiability(rows)
-    for fit, weighted in ((fit_ols, False), (fit_wls, True)):
+    for fit, weights in ((fit_ols, np.ones(2)), (fit_wls, None)):
         expected = fit(rows, seen, freedom)
-        found = fit_condensed(condense_rows(rows), seen.basis, weighted=weighted, freedom=freedom)
+        found = fit_condensed(condense_rows(rows), seen.basis, weights, freedom)
         np.testing.assert_allclose(found.values, expected.values, rtol=1e-9)
         np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-7, atol=1e-18)
         assert found.condition == pytest.approx(expected.condition)
-
-
-def test_signals_in_pieces_give_the_fit_of_all_rows(library, signals, rows):
-    pieces = (
-        type(signals)(
-            **{name: getattr(signals, name)[part] for name in ("time", "q", "dq", "ddq", "tau")},
-            period=signals.period,
-        )
-        for part in (slice(0, 5000), slice(5000, 5100), slice(5100, None))
-    )
-    condensed = condense_signals(library, pieces)
-    seen = analyse_condensed(condensed, "torque", rows.names)
-    found = fit_condensed(condensed, seen.basis)
-    expected = fit_wls(rows, analyse_identifiability(rows))
-    np.testing.assert_allclose(found.values, expected.values, rtol=1e-9)
-    np.testing.assert_allclose(np.diag(found.covariance), np.diag(expected.covariance), rtol=1e-7)
-
-
-def test_parts_are_worth_what_all_of_them_are(rows):
-    halves = [select_rows(rows, rows.time < 4.0), select_rows(rows, rows.time >= 4.0)]
-    halves[1] = replace(halves[1], independent=0.5)
-    found = condense_parts(iter(halves))
-    np.testing.assert_allclose(
-        compute_square_sums(found, TWO_LINK_TRUTH),
-        compute_square_sums(condense_rows(rows), TWO_LINK_TRUTH),
-        rtol=1e-10,
-    )
-    sizes = [len(half.values) for half in halves]
-    assert found.independent == pytest.approx((sizes[0] + 0.5 * sizes[1]) / sum(sizes))
-    both = join_condensed(condense_rows(halves[0]), condense_rows(halves[1]))
-    np.testing.assert_array_equal(both.counts, found.counts)
-
-
-def test_rows_that_cannot_be_condensed_are_refused(library, signals):
-    power = build_rows("power", library, signals, PLAIN)
-    for parts in ([power], []):
-        with pytest.raises(UsageError) as caught:
-            condense_parts(parts)
-        assert caught.value.notices[0].code == "usage.streamed-rows"
 
 
 def test_one_triangle_of_all_groups(rows):

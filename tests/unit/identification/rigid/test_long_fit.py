@@ -12,7 +12,7 @@ from symid.identification.diagnostics.residual_structure import analyse_structur
 from symid.identification.diagnostics.uncertainty import compute_mean_weights, measure_drift
 from symid.identification.estimators.least_squares import RegressionFit
 from symid.identification.estimators.linear_estimators import fit_rows
-from symid.identification.regression.equations import cut_rows, stack_rows
+from symid.identification.regression.equations import stack_rows
 from symid.identification.regression.identifiability import RankRule, analyse_identifiability
 from symid.identification.regression.long_logs import RowBuilder, condense_recordings
 from symid.identification.regression.preparation import prepare_rows, prepare_states
@@ -24,7 +24,7 @@ from symid.identification.rigid.fit import (
     is_long,
 )
 from symid.logs.recording import Recording
-from symid.logs.signals import decimate_blocks, decimate_columns
+from symid.logs.signals import decimate, decimate_blocks
 from symid.robot.description import Decimation, Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
 
@@ -162,7 +162,7 @@ def test_blocks_are_decimated_as_the_whole(samples, factor):
     """White noise and a step at either end: what a filter remembers longest."""
     values = np.random.default_rng(samples).normal(size=(samples, 3, 2)).cumsum(axis=0)
     decimation = Decimation(factor=factor)
-    whole = decimate_columns(values, decimation)
+    whole = decimate(values, decimation)
     found, places = np.full_like(whole, np.nan), []
     for part, rows in decimate_blocks(lambda part: values[part], samples, decimation):
         found[part] = rows
@@ -177,7 +177,7 @@ def test_blocks_are_the_rows(recordings, kind, overlap):
     processing = replace(PROCESSING, standstill=0.0)
     rows = prepare_rows(kind, LIBRARY, recordings[0], processing, window=0.02, overlap=overlap)
     signals = prepare_states(LIBRARY, recordings[0], processing)
-    blocks = list(cut_rows(kind, LIBRARY, signals, processing, window=0.02, overlap=overlap))
+    blocks = list(RowBuilder(kind, LIBRARY, processing, 0.02, overlap).cut_signals(signals))
     assert [part.start for part, _ in blocks] == [0, *(part.stop for part, _ in blocks)][:-1]
     whole = np.concatenate([matrix for _, matrix in blocks]).swapaxes(0, 1).reshape(rows.matrix.shape)
     np.testing.assert_allclose(whole, rows.matrix, rtol=0, atol=1e-12 * np.abs(rows.matrix).max())

@@ -10,7 +10,7 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
 from symid.errors import Notice, RobotError, UsageError
-from symid.logs import LogMapDraft, NamesByQuantity, draft_log_map
+from symid.logs.proposal import LogMapDraft, NamesByQuantity, draft_log_map
 from symid.robot import (
     DEFAULT_GRAVITY,
     Completion,

@@ -1,0 +1,391 @@
+"""Bodies that can exist, nearest to those expected, under weighted rows or under exact equations.
+
+`BodyProblem`: rows over blocks (symmetric 4 x 4), positive numbers and others, all scaled so that what is
+expected is one (the unit matrix, 1) -> `NearestBodies`.
+
+    minimise  f = |r|^2 / 2 + g D + k |v - v0|^2 / 2,   r_i = sum tr X_i Q + a_i u + c_i v - b_i,
+              D = sum w (tr Q - log det Q - 4) + sum w (u - log u - 1),
+
+over Q > 0, u > 0 and v, the first of which must not be negative. f is convex: there is one optimum. Over its
+weight the cost is self-concordant. With Q = C C' a step C (1 + E) C' of Newton's method solves
+
+    min |J e + r|^2 + t sum w (|E + C' C - 1|^2 + (e_u + u - 1)^2) + s sum (e_v - 1)^2 + k |v + v e_v - v0|^2,
+
+J the slopes of r along e, u (1 + e_u) and v (1 + e_v): the logarithms become unit matrices there, and QR of
+these rows keeps the digits that normal equations lose, near the edge of all bodies too. The best length along
+each step is found exactly. The weight t of the distance falls to g from one at which the bodies expected are
+next to the optimum, s of -log v, which stands for v >= 0, further, to nearly nothing; fast where few steps
+reach the next optimum. Newton's decrement l bounds what is left, with b numbers v:
+
+    f - least <= s (-l - log(1 - l)) + s b,   l^2 = e' H e / s
+
+(Nesterov and Nemirovskii 1994, Interior-point polynomial algorithms in convex programming, chapter 2).
+
+Equations r = 0 are kept in every step instead: its part along them leads towards the target as far as bodies
+stay bodies, the rest, in their null space, back to the optimum for what is reached. If bodies have the target
+they have all that lies between it and what the bodies expected have; where the steps towards it shrink to
+nothing, no bodies have it.
+
+Supported: every rank of the rows; a few hundred of them, dense. Loads NumPy only.
+"""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from symid.arrays import FloatArray
+
+_UPPER = np.triu_indices(4)
+_FACTORS = np.where(_UPPER[0] == _UPPER[1], 1.0, np.sqrt(2.0))
+
+_LIMIT = 3000
+# Rules of thumb, seen in no result: they only decide how many steps it takes.
+_FALL = 0.1
+_STEEPEST = 1e-3
+_FEW = 3
+_MANY = 6
+_NEAR = 0.3
+_KEPT = 0.95
+_STEPS_OF_LENGTH = 60
+# The last weight of the logarithms of what is bounded, and what of a step may be left undone, in units of g.
+_BOUND = 1e-10
+_DONE = 1e-30
+# Towards what equations want: the part of the way to the edge of all bodies in one step, the shortest step.
+_TOWARDS = 0.7
+_SHORTEST = 1e-8
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BodyProblem:
+    """Rows and weights.
+
+    Args:
+        blocks: (m, n, 4, 4) symmetric X_i; positive: (m, a) a_i; others: (m, c) c_i.
+        target: (m,) b.
+        shares: (n + a,) w of the blocks and the positive numbers; weight: g.
+        middle: (c,) v0; loose: k; bounded: how many of the others, the first, must not be negative.
+    """
+
+    blocks: FloatArray
+    positive: FloatArray
+    others: FloatArray
+    target: FloatArray
+    shares: FloatArray
+    weight: float
+    middle: FloatArray
+    loose: float
+    bounded: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NearestBodies:
+    """Where Newton's method ended.
+
+    Args:
+        factors: (n, 4, 4) C, lower triangular, Q = C C'; positive: (a,) u; others: (c,) v.
+        multipliers: (m,) nu = r / g, zero where the rows are equations.
+        gap: the cost is above the least by this at most, but for rounding; infinite where it did not arrive.
+        gradient: largest entry of the last one, unknowns in units of their standard deviations.
+        stationarity: Newton's decrement over the root of the weight: a relative error of the bodies.
+        iterations: steps.
+    """
+
+    factors: FloatArray
+    positive: FloatArray
+    others: FloatArray
+    multipliers: FloatArray
+    gap: float = np.inf
+    gradient: float = np.inf
+    stationarity: float = np.inf
+    iterations: int = 0
+
+    @property
+    def blocks(self) -> FloatArray:
+        """Q (n, 4, 4)."""
+        blocks: FloatArray = self.factors @ self.factors.transpose(0, 2, 1)
+        return blocks
+
+
+class _Step(NamedTuple):
+    """E (n, 4, 4), e_u (a,), e of the others (c,); J e (m,); e' H e; the gradient's largest entry."""
+
+    blocks: FloatArray
+    positive: FloatArray
+    others: FloatArray
+    change: FloatArray
+    promise: float
+    gradient: float
+
+
+class _Weights(NamedTuple):
+    """t of the distance, s of what must not be negative."""
+
+    distance: float
+    bound: float
+
+
+def _flatten(matrices: FloatArray) -> FloatArray:
+    """Return symmetric matrices (..., 4, 4) as vectors (..., 10) with the same scalar product."""
+    flat: FloatArray = matrices[..., _UPPER[0], _UPPER[1]] * _FACTORS
+    return flat
+
+
+def _unflatten(vectors: FloatArray) -> FloatArray:
+    """Return symmetric matrices (n, 4, 4) from vectors (n, 10)."""
+    matrices = np.zeros((len(vectors), 4, 4))
+    matrices[:, _UPPER[0], _UPPER[1]] = vectors / _FACTORS
+    return matrices + np.triu(matrices, 1).transpose(0, 2, 1)
+
+
+def compute_errors(problem: BodyProblem, state: NearestBodies) -> FloatArray:
+    """Return r (m,)."""
+    reached = np.einsum("mnab,nab->m", problem.blocks, state.blocks)
+    errors: FloatArray = (
+        reached + problem.positive @ state.positive + problem.others @ state.others - problem.target
+    )
+    return errors
+
+
+def compute_distance(problem: BodyProblem, state: NearestBodies) -> float:
+    """Return D."""
+    links = len(state.factors)
+    traces = np.sum(state.factors**2, axis=(1, 2))
+    logs = 2.0 * np.log(np.diagonal(state.factors, axis1=1, axis2=2)).sum(axis=1)
+    apart = np.append(traces - logs - 4.0, state.positive - np.log(state.positive) - 1.0)
+    return float(problem.shares[:links] @ apart[:links] + problem.shares[links:] @ apart[links:])
+
+
+def compute_cost(problem: BodyProblem, state: NearestBodies) -> float:
+    """Return f."""
+    errors, off = compute_errors(problem, state), state.others - problem.middle
+    squares = 0.5 * float(errors @ errors) + 0.5 * problem.loose * float(off @ off)
+    return squares + problem.weight * compute_distance(problem, state)
+
+
+def _compute_step(problem: BodyProblem, state: NearestBodies, errors: FloatArray, weights: _Weights) -> _Step:
+    """Return Newton's step."""
+    links, bounded = len(state.factors), problem.bounded
+    first, second = 10 * links, 10 * links + len(state.positive)
+    across = state.factors.transpose(0, 2, 1)
+    forms = _flatten(across @ problem.blocks @ state.factors).reshape(len(errors), -1)
+    sizes = np.append(state.others[:bounded], np.ones(len(state.others) - bounded))
+    slopes = np.hstack([forms, problem.positive * state.positive, problem.others * sizes])
+    roots = np.sqrt(weights.distance * problem.shares)
+    roots = np.append(np.repeat(roots[:links], 10), roots[links:])
+    pull = np.append(_flatten(across @ state.factors - np.eye(4)).ravel(), state.positive - 1.0)
+    held = np.zeros((slopes.shape[1] + bounded, slopes.shape[1]))
+    held[range(second), range(second)] = roots
+    spots = np.arange(second, slopes.shape[1])
+    held[spots, spots] = np.sqrt(problem.loose) * sizes
+    edge = np.arange(bounded)
+    held[slopes.shape[1] + edge, second + edge] = np.sqrt(weights.bound)
+    off = -np.sqrt(problem.loose) * (state.others - problem.middle)
+    right = np.concatenate([-errors, -roots * pull, off, np.full(bounded, np.sqrt(weights.bound))])
+    whole = np.vstack([slopes, held])
+    lengths = np.linalg.norm(whole, axis=0)
+    whole = whole / lengths
+    factor: FloatArray = np.asarray(np.linalg.qr(np.column_stack([whole, right]), mode="r"))
+    size = len(lengths)
+    step = np.linalg.solve(factor[:size, :size], factor[:size, size]) / lengths
+    return _Step(
+        blocks=_unflatten(step[:first].reshape(links, 10)),
+        positive=step[first:second],
+        others=step[second:],
+        change=slopes @ step,
+        promise=float(factor[:size, size] @ factor[:size, size]),
+        gradient=float(np.abs(whole.T @ right).max()),
+    )
+
+
+def _compute_length(
+    problem: BodyProblem, state: NearestBodies, errors: FloatArray, step: _Step, weights: _Weights
+) -> float:
+    """Return the length of least cost along a step, where its slope, which only grows, is zero."""
+    links, bounded = len(state.factors), problem.bounded
+    shares = weights.distance * problem.shares
+    logs = np.concatenate([np.linalg.eigvalsh(step.blocks).ravel(), step.positive, step.others[:bounded]])
+    parts = [np.repeat(shares[:links], 4), shares[links:], np.full(bounded, weights.bound)]
+    weighted = np.concatenate(parts)
+    pulls = state.factors.transpose(0, 2, 1) @ state.factors
+    linear = float(shares[:links] @ np.einsum("nab,nab->n", pulls, step.blocks))
+    linear += float((shares[links:] * state.positive) @ step.positive)
+    moved = step.others * np.append(state.others[:bounded], np.ones(len(step.others) - bounded))
+    linear += float(errors @ step.change) + problem.loose * float((state.others - problem.middle) @ moved)
+    square = float(step.change @ step.change) + problem.loose * float(moved @ moved)
+    lowest = float(logs.min(initial=0.0))
+    low, high = 0.0, -_KEPT / lowest if lowest < 0.0 else 1e3
+    length = min(1.0, high)
+    for _ in range(_STEPS_OF_LENGTH):
+        inner = logs / (1.0 + length * logs)
+        slope = linear + length * square - float(weighted @ inner)
+        low, high = (length, high) if slope < 0.0 else (low, length)
+        newton = length - slope / (square + float(weighted @ inner**2))
+        following = newton if low < newton < high else 0.5 * (low + high)
+        if abs(following - length) < 1e-3 * length:
+            return following
+        length = following
+    return length
+
+
+def _advance(problem: BodyProblem, state: NearestBodies, step: _Step, length: float) -> NearestBodies:
+    bounded = problem.bounded
+    held = state.others[:bounded] * (1.0 + length * step.others[:bounded])
+    return replace(
+        state,
+        factors=state.factors @ np.linalg.cholesky(np.eye(4) + length * step.blocks),
+        positive=state.positive * (1.0 + length * step.positive),
+        others=np.append(held, state.others[bounded:] + length * step.others[bounded:]),
+        iterations=state.iterations + 1,
+    )
+
+
+def _centre(
+    problem: BodyProblem, state: NearestBodies, level: float, limit: int
+) -> tuple[NearestBodies, int]:
+    """Return where at most `limit` steps lead at one weight, and their number; more if they do not arrive."""
+    weights = _Weights(max(level, problem.weight), level)
+    for count in range(limit + 1):
+        errors = compute_errors(problem, state)
+        step = _compute_step(problem, state, errors, weights)
+        if step.promise < _NEAR**2 * level * problem.shares.min():
+            return state, count
+        if not np.isfinite(step.promise):
+            break
+        state = _advance(problem, state, step, _compute_length(problem, state, errors, step, weights))
+    return state, limit + 1
+
+
+def _polish(problem: BodyProblem, state: NearestBodies, level: float) -> NearestBodies:
+    """Return the state after whole steps, until they promise no more or rounding lets them gain no more."""
+    weights = _Weights(problem.weight, level)
+    scale = level * float(problem.shares.min())
+    last = np.inf
+    while True:
+        errors = compute_errors(problem, state)
+        step = _compute_step(problem, state, errors, weights)
+        if not _DONE * problem.weight < step.promise < 0.25 * last:
+            left = float(np.sqrt(np.fmin(step.promise, last) / scale))
+            return replace(
+                state,
+                multipliers=errors / problem.weight,
+                # -l - log(1 - l) <= l^2 / (2 (1 - l)), without the digits that the left-hand side loses.
+                gap=scale * 0.5 * left**2 / (1.0 - left) + level * problem.bounded,
+                gradient=step.gradient,
+                stationarity=float(np.sqrt(step.promise / problem.weight)),
+            )
+        state, last = _advance(problem, state, step, 1.0), step.promise
+
+
+def build_expected_bodies(problem: BodyProblem) -> NearestBodies:
+    """Return the bodies expected."""
+    return NearestBodies(
+        factors=np.tile(np.eye(4), (problem.blocks.shape[1], 1, 1)),
+        positive=np.ones(problem.positive.shape[1]),
+        others=problem.middle,
+        multipliers=np.zeros(len(problem.target)),
+    )
+
+
+def optimise_bodies(
+    problem: BodyProblem, start: NearestBodies | None = None, known: float | None = None
+) -> NearestBodies:
+    """Return the optimum of a problem; its `gap` is infinite where it was not reached.
+
+    Args:
+        problem: what to minimise.
+        start: bodies to begin with; None for those expected.
+        known: the weight of which `start` is the optimum; None where it is any bodies.
+    """
+    state = start or build_expected_bodies(problem)
+    inner = np.maximum(state.others[: problem.bounded], 1.0)
+    others = np.append(inner, state.others[problem.bounded :])
+    state = replace(state, others=others, gap=np.inf, iterations=0)
+    errors, fall = compute_errors(problem, state), _FALL
+    end = _BOUND * problem.weight if problem.bounded else problem.weight
+    level = max(problem.weight, float(errors @ errors) if known is None else known)
+    if not np.isfinite(level):
+        return state
+    # As short a step along the way that whole Newton steps follow it: it always arrives.
+    gentle = 1.0 - _NEAR / np.sqrt(4 * len(state.factors) + len(state.positive) + problem.bounded)
+    state, spent = _centre(problem, state, level, _LIMIT)
+    while spent < _LIMIT:
+        if level <= end:
+            return replace(_polish(problem, state, end), iterations=spent)
+        below = max(end, fall * level)
+        patience = _MANY if fall < gentle else _LIMIT - spent
+        reached, count = _centre(problem, state, below, patience)
+        spent += count
+        if count > patience:
+            fall = min(gentle, float(np.sqrt(fall)))
+            continue
+        state, level = reached, below
+        if count <= _FEW:
+            fall = max(_STEEPEST, fall**1.5)
+    return replace(state, iterations=spent)
+
+
+def _compute_exact_step(
+    problem: BodyProblem, state: NearestBodies, lacking: FloatArray
+) -> tuple[_Step, _Step]:
+    """Return the shortest step that changes the rows by `lacking` (m,), and Newton's that keeps them."""
+    links = len(state.factors)
+    first, second = 10 * links, 10 * links + len(state.positive)
+    across = state.factors.transpose(0, 2, 1)
+    forms = _flatten(across @ problem.blocks @ state.factors).reshape(len(lacking), -1)
+    roots = np.sqrt(problem.shares)
+    roots = np.concatenate([np.repeat(roots[:links], 10), roots[links:], np.ones(len(state.others))])
+    slopes = np.hstack([forms, problem.positive * state.positive, problem.others]) / roots
+    pull = _flatten(across @ state.factors - np.eye(4)).ravel()
+    aim = -roots * np.concatenate([pull, state.positive - 1.0, state.others])
+    lengths = np.linalg.norm(slopes, axis=1)
+    basis, triangle = np.linalg.qr((slopes / lengths[:, None]).T)
+    along = basis @ np.linalg.solve(triangle.T, lacking / lengths)
+    inner = aim - basis @ (basis.T @ aim)
+
+    def build_step(moved: FloatArray) -> _Step:
+        own = moved / roots
+        return _Step(
+            blocks=_unflatten(own[:first].reshape(links, 10)),
+            positive=own[first:second],
+            others=own[second:],
+            change=np.zeros(0),
+            promise=float(moved @ moved),
+            gradient=float(np.abs(moved).max()),
+        )
+
+    return build_step(along), build_step(inner)
+
+
+def solve_body_equations(problem: BodyProblem) -> NearestBodies | None:
+    """Return the bodies nearest to those expected whose rows have their targets; None where there are none.
+
+    Equations that bodies expected come to only from further away than numbers hold count as such, too. The
+    weight of the problem does not count, nor what is bounded, and v is weighed as the bodies are (k = g = 1).
+    """
+    problem = replace(problem, weight=1.0, loose=1.0, middle=np.zeros_like(problem.middle), bounded=0)
+    state = build_expected_bodies(problem)
+    weights, least, reached, last = _Weights(1.0, 1.0), float(problem.shares.min()), False, np.inf
+    for count in range(_LIMIT):
+        lacking = -compute_errors(problem, state)
+        along, inner = _compute_exact_step(problem, state, lacking)
+        if not np.isfinite(inner.promise + along.promise):
+            break
+        if inner.promise > _NEAR**2 * least:
+            length = _compute_length(problem, state, np.zeros(0), inner, weights)
+            state = _advance(problem, state, inner, length)
+        elif not reached:
+            lowest = float(min(np.linalg.eigvalsh(along.blocks).min(), along.positive.min(initial=0.0)))
+            length = min(1.0, -_TOWARDS / lowest) if lowest < 0.0 else 1.0
+            if not length > _SHORTEST:
+                break
+            state = _advance(problem, state, along, length)
+            reached = length == 1.0
+        elif _DONE < inner.promise + along.promise < 0.25 * last:
+            last = inner.promise + along.promise
+            state = _advance(problem, _advance(problem, state, along, 1.0), inner, 1.0)
+        else:
+            left = float(np.sqrt(inner.promise / least))
+            gap, gradient = least * 0.5 * left**2 / (1.0 - left), inner.gradient
+            return replace(state, gap=gap, gradient=gradient, stationarity=left, iterations=count)
+    return None

@@ -1,0 +1,197 @@
+"""Fits as files: JSON, written at once or not at all, read back without loss.
+
+FitRecord of any kind <-> file;  a fit or its file -> FitRecord, and where it is from.
+
+Supported: format "symid fit", version 2, SI units; a number that is not finite is written as null. Version 1,
+which had a format for each kind, is still read.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any, Protocol
+
+from symid.codegen import ModelCard
+from symid.environment import write_file
+from symid.errors import EstimateError, Notice, SymidError
+from symid.identification.elastic import ElasticEstimate, name_friction
+from symid.identification.estimators import Estimate, FitRecord, check_model
+from symid.identification.friction import FrictionIdentification
+from symid.serialization import read_record, write_plain
+
+StoredResult = Estimate | ElasticEstimate | FrictionIdentification
+_FORMAT = "symid fit"
+_VERSION = 2
+_KINDS: Mapping[str, type[StoredResult]] = {
+    kind.kind: kind for kind in (Estimate, ElasticEstimate, FrictionIdentification)
+}
+_BEFORE = {
+    "symid estimate": "rigid",
+    "symid elastic estimate": "elastic",
+    "symid friction result": "friction",
+}
+"""Kinds of the formats of version 1."""
+
+
+class Fitted(Protocol):
+    """A result of the API: what was identified, and its file where it has one."""
+
+    @property
+    def product(self) -> object:
+        """Return what was identified."""
+        ...
+
+    @property
+    def file(self) -> Path | None:
+        """Return the file that it was read from."""
+        ...
+
+
+GivenResult = StoredResult | Fitted | str | PathLike[str]
+"""What was identified: itself, as a result of the API, or its file."""
+
+
+def write_fit(record: FitRecord, path: Path) -> Path:
+    """Write the record to `path` as JSON and return the path.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    body: Any = write_plain(record)
+    data = {"format": _FORMAT, "version": _VERSION, "kind": record.kind, **body}
+    return write_file(path, json.dumps(data, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
+
+
+def read_fit(path: Path, card: ModelCard | None = None) -> StoredResult:
+    """Return the record stored at `path`, of any kind.
+
+    Args:
+        path: a file that `write_fit` wrote, or symid before it.
+        card: the model that it must belong to, if given.
+
+    Raises:
+        EstimateError: there is no such file, it holds something else, or belongs to another model; all that
+            is wrong is said at once.
+    """
+    kind, body = _split(path, _read_json(path))
+    try:
+        record = read_record(_KINDS[kind], body)
+        mistakes = record.list_mistakes()
+    except SymidError as error:
+        mistakes = [notice.text for notice in error.notices]
+    if mistakes:
+        raise EstimateError(*(Notice(code="estimate.format", text=text, file=str(path)) for text in mistakes))
+    if card is not None:
+        check_model(record, card, str(path))
+    return record
+
+
+def is_fit(path: Path) -> bool:
+    """Return whether `path` holds something that symid wrote, whatever may be wrong with it."""
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(data, dict) and str(data.get("format", "")).startswith("symid")
+
+
+def read_result(given: GivenResult) -> tuple[StoredResult, Path]:
+    """Return what was identified, of any kind, and where it is from.
+
+    Raises:
+        EstimateError: its file cannot be read.
+        TypeError: it is nothing that was identified.
+    """
+    if isinstance(given, str | PathLike):
+        path = Path(given)
+        return read_fit(path), path
+    found = getattr(given, "product", given)
+    if not isinstance(found, StoredResult):
+        message = f"expected a fit or its file, got {type(given).__name__}"
+        raise TypeError(message)
+    return found, getattr(given, "file", None) or _name_source(found.sources)
+
+
+def _name_source(sources: Sequence[str]) -> Path:
+    """Return what messages call a result that is no file, by the logs it comes from."""
+    return Path(f"fit of {', '.join(Path(source).name for source in sources)}")
+
+
+def read_dynamics(given: GivenResult) -> tuple[Estimate | ElasticEstimate, Path]:
+    """Return the estimate, rigid or elastic, and where it is from.
+
+    Raises:
+        EstimateError: its file cannot be read, or it is friction alone.
+    """
+    found, source = read_result(given)
+    if isinstance(found, FrictionIdentification):
+        text = "this is friction alone, and no estimate of base parameters; identify by other rows"
+        raise _refuse(source, text)
+    return found, source
+
+
+def read_rigid(given: Estimate | Path, card: ModelCard) -> Estimate:
+    """Return an estimate of the rigid model of `card`, read where it is a file.
+
+    Raises:
+        EstimateError: it cannot be read, is of another kind, or of another model.
+    """
+    found = read_fit(given) if isinstance(given, Path) else given
+    file = str(given) if isinstance(given, Path) else ""
+    if isinstance(found, FrictionIdentification):
+        text = (
+            "this is friction found with --rows friction; --known takes the base parameters that "
+            "`symid identify ROBOT LOG... -o FILE` finds without --rows friction"
+        )
+        raise EstimateError(Notice(code="estimate.friction", text=text, file=file))
+    if not isinstance(found, Estimate):
+        text = "this is an estimate of elastic joints; give one of a robot that was identified as rigid"
+        raise EstimateError(Notice(code="estimate.format", text=text, file=file))
+    check_model(found, card, file)
+    return found
+
+
+def _refuse(path: Path, text: str, line: int = 0, column: int = 0) -> EstimateError:
+    return EstimateError(Notice(code="estimate.format", text=text, file=str(path), line=line, column=column))
+
+
+def _read_json(path: Path) -> object:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise _refuse(path, f"cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise _refuse(path, "not a text file, so not an estimate") from error
+    try:
+        return json.loads(text, parse_constant=_refuse_constant)
+    except json.JSONDecodeError as error:
+        raise _refuse(path, f"not JSON: {error.msg}", error.lineno, error.colno) from error
+    except RecursionError as error:
+        raise _refuse(path, "nested too deeply to be an estimate") from error
+    except ValueError as error:
+        raise _refuse(path, f"not JSON: {error}") from error
+
+
+def _refuse_constant(name: str) -> float:
+    message = f"{name} is no number of JSON"
+    raise ValueError(message)
+
+
+def _split(path: Path, data: object) -> tuple[str, dict[str, Any]]:
+    """Return the kind of a fit and its fields, those of version 1 as they are called now."""
+    name = data.get("format") if isinstance(data, dict) else None
+    if not isinstance(data, dict) or (name != _FORMAT and name not in _BEFORE):
+        raise _refuse(path, "this is JSON, but not an estimate written by symid")
+    body = {key: value for key, value in data.items() if key not in {"format", "version", "kind"}}
+    version, kind = (_VERSION, str(data.get("kind"))) if name == _FORMAT else (1, _BEFORE[str(name)])
+    if data.get("version") != version:
+        raise _refuse(path, f"version {data.get('version')!r} of the format; this symid reads {version}")
+    if kind not in _KINDS:
+        raise _refuse(path, f"kind: expected one of {', '.join(_KINDS)}, got {kind!r}")
+    if version == 1 and kind == "elastic":
+        # Names of parameters told which friction models the joints have.
+        entries = body.get("parameters")
+        names = [str(entry.get("name")) for entry in entries or () if isinstance(entry, dict)]
+        body["friction"] = list(name_friction(names))
+    return kind, body

@@ -1,0 +1,85 @@
+"""The demo, made once: its numbers, what it leaves behind, and its own verdict."""
+
+import json
+from contextlib import chdir
+
+import numpy as np
+import pytest
+
+import symid
+from symid.api.first_steps import judge_demo
+from symid.cli.main import run
+from symid.identification.elastic.validation import TrackingRun
+from tests.golden.freeze import Scratch, compare, find_answer, read_answer
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory, c_compiler):
+    """Return the folder, the answer of the command line, and the result that it was made from."""
+    scratch, results, original = Scratch(tmp_path_factory.mktemp("demo").resolve()), [], symid.demo
+
+    def demo(*arguments, **options):
+        results.append(original(*arguments, **options))
+        return results[-1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(symid, "demo", demo)
+        answer = find_answer("demo", scratch)
+    return scratch.folder, answer, results[0]
+
+
+def test_its_answer_is_what_it_was(made):
+    differences = compare(read_answer("demo"), made[1], "demo")
+    assert not differences, "\n".join(differences[:20])
+
+
+def test_it_ends_well(made):
+    result = made[1]["result"]
+    assert made[1]["exit_code"] == 0
+    for entry in result["estimate"]["parameters"]:
+        assert abs(entry["value"] - entry["truth"]) <= max(0.02 * abs(entry["truth"]), 5 * entry["std"])
+    assert result["errors"]["automatic"]["hysteresis_percent"] < 1.0
+    rigid, together, apart = result["tracking_rms"].values()
+    assert max(together) < 1e-2 * min(rigid)
+    assert max(together) < min(apart)
+
+
+def test_its_folder_goes_on_and_is_not_written_over(made, capsys):
+    folder = made[0] / "demo"
+    assert (folder / "report.html").is_file()
+    assert run(["check", str(folder / "identified.toml"), "-q"]) == 0
+    capsys.readouterr()
+    with chdir(made[0]):
+        assert run(["demo", "-o", "demo", "--json"]) == 3
+    assert json.loads(capsys.readouterr().out)["errors"][0]["code"] == "output.foreign-folder"
+
+
+def test_it_does_not_hide_a_bad_end(made, capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr(symid, "demo", lambda *_, **__: made[2])
+    monkeypatch.setattr("symid.api.first_steps._MOST_PARAMETERS", 1e-9)
+    assert run(["demo", "-o", str(tmp_path / "demo"), "--json"]) == 1
+    answer = json.loads(capsys.readouterr().out)
+    assert "demo.off-truth" in {entry["code"] for entry in answer["errors"]}
+
+
+def follow(*sizes):
+    return tuple(TrackingRun(name=str(size), time=np.zeros(1), error=np.full((1, 2), size)) for size in sizes)
+
+
+def test_near_the_truth_and_better_than_rigid_is_well():
+    assert judge_demo((1.9, 2.9), follow(0.01, 0.001)) == ()
+
+
+@pytest.mark.parametrize(
+    ("parameters", "hysteresis", "sizes", "code"),
+    [
+        (2.1, 1.0, (0.01, 0.001), "demo.off-truth"),
+        (float("nan"), 1.0, (0.01, 0.001), "demo.off-truth"),
+        (1.0, 3.1, (0.01, 0.001), "demo.off-spring"),
+        (1.0, float("nan"), (0.01, 0.001), "demo.off-spring"),
+        (1.0, 1.0, (0.01, 0.02), "demo.no-gain"),
+    ],
+)
+def test_far_off_or_no_better_than_rigid_is_not(parameters, hysteresis, sizes, code):
+    (notice,) = judge_demo((parameters, hysteresis), follow(*sizes))
+    assert notice.code == code

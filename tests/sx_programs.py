@@ -1,0 +1,64 @@
+"""CasADi's SX functions as programs: what CasADi has made of expressions, instruction by instruction."""
+
+import casadi as ca
+
+from symid.codegen.programs import ExpressionTable, Op
+
+_FUNCTIONS = {
+    ca.OP_SIN: Op.SIN,
+    ca.OP_COS: Op.COS,
+    ca.OP_TAN: Op.TAN,
+    ca.OP_SQRT: Op.SQRT,
+    ca.OP_EXP: Op.EXP,
+    ca.OP_TANH: Op.TANH,
+    ca.OP_FABS: Op.ABS,
+    ca.OP_SIGN: Op.SIGN,
+    ca.OP_LT: Op.LESS,
+    ca.OP_LE: Op.LESS_EQUAL,
+    ca.OP_NOT: Op.IS_ZERO,
+    ca.OP_IF_ELSE_ZERO: Op.SELECT,
+    ca.OP_FMAX: Op.MAXIMUM,
+    ca.OP_FMIN: Op.MINIMUM,
+}
+_RULES = {
+    ca.OP_ASSIGN: lambda _, a: a[0],
+    ca.OP_ADD: lambda table, a: table.add(a[0], a[1]),
+    ca.OP_SUB: lambda table, a: table.add(a[0], -a[1]),
+    ca.OP_MUL: lambda table, a: table.mul(a[0], a[1]),
+    ca.OP_DIV: lambda table, a: table.div(a[0], a[1]),
+    ca.OP_NEG: lambda _, a: -a[0],
+    ca.OP_TWICE: lambda table, a: table.add(a[0], a[0]),
+    ca.OP_SQ: lambda table, a: table.mul(a[0], a[0]),
+    ca.OP_INV: lambda table, a: table.div(table.constant(1.0), a[0]),
+    **{code: lambda table, a, op=op: table.apply(op, *a) for code, op in _FUNCTIONS.items()},
+}
+
+
+def list_row_major(sparsity):
+    """Return the row-major element of each nonzero: CasADi counts by columns."""
+    columns = sparsity.size2()
+    return [r * columns + c for r, c in zip(sparsity.row(), sparsity.get_col(), strict=True)]
+
+
+def read_sx_program(function, spec):
+    """Return the instructions of `function`, simplified, in the order in which CasADi has them."""
+    assert function.is_a("SXFunction")
+    assert function.name_in() == [port.name for port in spec.inputs]
+    assert function.name_out() == [port.name for port in spec.outputs]
+    table, work = ExpressionTable(), {}
+    inputs = [list_row_major(function.sparsity_in(i)) for i in range(function.n_in())]
+    elements = [list_row_major(function.sparsity_out(i)) for i in range(function.n_out())]
+    # What CasADi leaves out of a sparse output is zero.
+    outputs = [[table.constant(0.0)] * port.size for port in spec.outputs]
+    for k in range(function.n_instructions()):
+        code = function.instruction_id(k)
+        source, target = function.instruction_input(k), function.instruction_output(k)
+        if code == ca.OP_CONST:
+            work[target[0]] = table.constant(function.instruction_constant(k))
+        elif code == ca.OP_INPUT:
+            work[target[0]] = table.input(source[0], inputs[source[0]][source[1]])
+        elif code == ca.OP_OUTPUT:
+            outputs[target[0]][elements[target[0]][target[1]]] = work[source[0]]
+        else:
+            work[target[0]] = _RULES[code](table, [work[i] for i in source])
+    return table.build_program(spec, outputs)

@@ -1,0 +1,153 @@
+"""Ipopt behind NumPy functions: optima in closed form, scaling, constraints, and how it can end."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import casadi
+import numpy as np
+import pytest
+
+from symid.ipopt import (
+    IPOPT_STATUSES,
+    LINEAR_SOLVER,
+    Constraints,
+    Ending,
+    IpoptOptions,
+    SmoothProblem,
+    describe_ipopt_status,
+    keep_last,
+    minimise,
+)
+
+MATRIX = np.array([[2.0, 0.3, -0.1], [0.3, 1.0, 0.2], [-0.1, 0.2, 3.0]])
+AIM = np.array([1.0, -2.0, 0.5])
+OPTIONS = IpoptOptions(tolerance=1e-10, iterations=100)
+
+
+def build(lower=-np.inf, upper=np.inf, *, exact=True, constraints=None):
+    """(x - AIM)' M (x - AIM) / 2 between bounds."""
+    return SmoothProblem(
+        value=lambda x: float((x - AIM) @ MATRIX @ (x - AIM)) / 2.0,
+        gradient=lambda x: MATRIX @ (x - AIM),
+        hessian=(lambda _: MATRIX) if exact else None,
+        lower=np.full(3, lower),
+        upper=np.full(3, upper),
+        constraints=constraints,
+    )
+
+
+@pytest.mark.parametrize("exact", [True, False])
+@pytest.mark.parametrize("scales", [None, np.array([1.0, 1e3, 1e-3])])
+def test_the_optimum_between_bounds_is_that_of_the_closed_form(exact, scales):
+    run = minimise(build(exact=exact), np.zeros(3), OPTIONS, scales)
+    np.testing.assert_allclose(run.x, AIM, atol=1e-6)
+    assert (run.outcome, run.status) == (Ending.CONVERGED, "Solve_Succeeded")
+    held = minimise(build(-1.0, exact=exact), np.zeros(3), OPTIONS, scales).x
+    # The second unknown stands on its bound; the others meet their rows of M (x - AIM) = 0.
+    free = np.linalg.solve(MATRIX[np.ix_([0, 2], [0, 2])], -MATRIX[[0, 2], 1])
+    np.testing.assert_allclose(held, [1.0 + free[0], -1.0, 0.5 + free[1]], atol=1e-6)
+
+
+@pytest.mark.parametrize("scales", [None, np.array([2.0, 1e2, 1e-2])])
+def test_constraints_hold_at_the_optimum(scales):
+    """|x| <= 1: at the optimum the gradient is opposite to x."""
+    ball = Constraints(
+        value=lambda x: np.array([x @ x]),
+        jacobian=lambda x: 2.0 * x[None, :],
+        pattern=np.ones((1, 3), dtype=bool),
+        lower=np.array([-np.inf]),
+        upper=np.array([1.0]),
+    )
+    problem = build(exact=False, constraints=ball)
+    run = minimise(problem, np.full(3, 0.1), OPTIONS, scales)
+    assert run.outcome is Ending.CONVERGED
+    assert np.linalg.norm(run.x) == pytest.approx(1.0, abs=1e-6)
+    gradient = problem.gradient(run.x)
+    np.testing.assert_allclose(gradient / np.linalg.norm(gradient), -run.x, atol=1e-5)
+
+
+def test_a_scaled_problem_has_the_derivatives_of_its_value():
+    scaled = build(-1.0, 4.0).scale(np.array([2.0, 0.5, 10.0]))
+    z, step = np.array([0.3, -0.7, 0.2]), 1e-6
+    for place, unit in enumerate(np.eye(3) * step):
+        rise = (scaled.value(z + unit) - scaled.value(z - unit)) / (2.0 * step)
+        assert scaled.gradient(z)[place] == pytest.approx(rise, rel=1e-6)
+        turn = (scaled.gradient(z + unit) - scaled.gradient(z - unit)) / (2.0 * step)
+        np.testing.assert_allclose(scaled.hessian(z)[place], turn, rtol=1e-6)
+    np.testing.assert_array_equal(scaled.lower, [-0.5, -2.0, -0.1])
+    np.testing.assert_array_equal(scaled.upper, [2.0, 8.0, 0.4])
+
+
+def test_ends_that_are_no_optimum_are_told():
+    assert minimise(build(), np.zeros(3), IpoptOptions(tolerance=1e-10, iterations=0)).outcome is Ending.LIMIT
+    broken = SmoothProblem(
+        value=lambda _: float("nan"),
+        gradient=lambda x: x,
+        lower=np.zeros(3),
+        upper=np.ones(3),
+    )
+    run = minimise(broken, np.full(3, 0.5), OPTIONS)
+    assert run.outcome is Ending.FAILED
+    assert np.all(np.isfinite(run.x))
+    assert "Invalid_Number_Detected" in run.reason
+
+
+def test_the_last_point_is_kept():
+    calls = []
+    double = keep_last(lambda x: calls.append(x.copy()) or 2.0 * x)
+    for x in (AIM, AIM.copy(), -AIM, AIM):
+        np.testing.assert_array_equal(double(x), 2.0 * x)
+    assert len(calls) == 3
+
+
+def test_the_statuses_are_those_of_the_header_that_comes_with_ipopt():
+    header = Path(casadi.__file__).parent / "include" / "coin-or" / "IpReturnCodes_inc.h"
+    enumeration = header.read_text().partition("enum ApplicationReturnStatus")[2].partition("}")[0]
+    names = {name.lower() for name in re.findall(r"^\s*(\w+)\s*=\s*-?\d+", enumeration, re.MULTILINE)}
+    assert len(names) == 20
+    # Words of the header, as the interface writes them: "Maximum_WallTime_Exceeded".
+    assert {name.lower() for name in IPOPT_STATUSES} == names
+
+
+def test_only_success_converges():
+    outcomes = {status: outcome for status, (outcome, _) in IPOPT_STATUSES.items()}
+    assert [status for status, end in outcomes.items() if end is Ending.CONVERGED] == ["Solve_Succeeded"]
+    others = set(Ending) - {Ending.SOLVED, Ending.STAGNATED, Ending.SOME_REFUSED}
+    assert set(outcomes.values()) == others
+    for status in IPOPT_STATUSES:
+        assert status in describe_ipopt_status(status)[1]
+    for status in ("Infeasible_Problem_Detected", "Diverging_Iterates", "Invalid_Option", "no such status"):
+        assert not describe_ipopt_status(status)[0].usable
+    outcome, reason = describe_ipopt_status("Something_Else")
+    assert outcome is Ending.FAILED
+    assert "Something_Else" in reason
+
+
+@pytest.mark.parametrize(("name", "status"), [(LINEAR_SOLVER, "Solve_Succeeded"), ("ma27", "Invalid_Option")])
+def test_the_linear_solver_is_the_one_that_was_asked_for_or_none(name, status, tmp_path):
+    log = tmp_path / "ipopt.txt"
+    x = casadi.MX.sym("x")
+    options = {
+        "linear_solver": name,
+        "output_file": str(log),
+        "file_print_level": 5,
+        "print_level": 0,
+        "sb": "yes",
+    }
+    settings = {"ipopt": options, "print_time": False, "error_on_fail": False}
+    solver = casadi.nlpsol("test", "ipopt", {"x": x, "f": (x - 1.0) ** 2}, settings)
+    solver(x0=0.0)
+    assert solver.stats()["return_status"] == status
+    text = log.read_text() if log.is_file() else ""
+    assert ("running with linear solver mumps" in text.lower()) is (name == LINEAR_SOLVER)
+
+
+def test_casadi_and_sympy_are_not_loaded_before_they_are_needed():
+    code = (
+        "import sys, symid.ipopt, symid.identification.elastic.nlp\n"
+        "import symid.identification.hysteresis.prandtl_ishlinskii_fit\n"
+        "sys.exit(any(name in sys.modules for name in ('casadi', 'sympy')))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
