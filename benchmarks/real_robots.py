@@ -12,8 +12,9 @@ from pathlib import Path
 from symid.codegen.cache import prepare_library
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.dynamics.regrouping import (
-    derive_regrouping,
+    build_regrouping,
     evaluate_regrouping,
+    express_group,
     list_coupled_readings,
     read_group,
 )
@@ -77,7 +78,9 @@ def show_published(folder, robot, library, recording):
     path = folder / "tx40" / "published.csv"
     table = read_value_table(path, columns, lambda text: read_group(text, robot, base))
     names = [row.text for row in table.rows]
-    found = derive_regrouping(base, [row.name for row in table.rows], names)
+    titles = [repr(name) for name in names]
+    groups = [express_group(base, row.name, title) for row, title in zip(table.rows, titles, strict=True)]
+    found = build_regrouping(base, groups, titles)
     print(
         f"  {len(found.rows)} published groups and {', '.join(found.absent)}: same space {found.is_complete}"
     )

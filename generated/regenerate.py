@@ -4,9 +4,9 @@ from pathlib import Path
 
 from symid.codegen.c_library import generate_c_library
 from symid.codegen.casadi_functions import build_functions
-from symid.codegen.python_module import generate_python_module
-from symid.codegen.writer import SourceSet, write_sources
-from symid.formats.toml import read_robot
+from symid.codegen.python_targets import generate_python_module
+from symid.codegen.source_folder import SourceSet, write_sources
+from symid.robot.toml_reader import read_robot
 
 __all__ = ["ROBOTS", "generate_samples"]
 

@@ -11,7 +11,10 @@ FloatArray = NDArray[np.float64]
 
 
 def freeze(values: object) -> FloatArray:
-    """Return a read-only float64 copy of `values`, row-major; an array that is one already is returned."""
+    """Return a read-only float64 copy of `values`, row-major; an array that is one already is returned.
+
+    Whoever makes an array read-only and hands it over must not make it writable again.
+    """
     if type(values) is np.ndarray and values.dtype == np.float64:
         flags = values.flags
         if flags.owndata and flags.c_contiguous and not flags.writeable:

@@ -13,6 +13,7 @@ Not supported: linear algebra that is loaded already; a package imported from in
 import os
 import tempfile
 from collections.abc import Callable, Iterable
+from errno import EINVAL
 from pathlib import Path
 from typing import IO
 
@@ -61,9 +62,7 @@ def write_file(
     """
     temporary = ""
     try:
-        if with_folder:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        handle, temporary = _open_temporary(path, with_folder=with_folder)
         with os.fdopen(handle, "wb") as stream:
             if callable(content):
                 content(stream)
@@ -90,6 +89,20 @@ def write_file(
         if temporary:
             Path(temporary).unlink(missing_ok=True)
     return path
+
+
+def _open_temporary(path: Path, *, with_folder: bool) -> tuple[int, str]:
+    """Return handle and name of a new file beside `path`.
+
+    Raises:
+        OSError: there can be none, also where no file can have the name: it holds a null byte or no Unicode.
+    """
+    try:
+        if with_folder:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        return tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    except ValueError as error:
+        raise OSError(EINVAL, str(error)) from error
 
 
 _PACKAGE = Path(__file__).resolve().parent

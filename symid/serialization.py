@@ -9,7 +9,7 @@ import hashlib
 import json
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from enum import Enum
 from fractions import Fraction
@@ -23,6 +23,7 @@ Record = TypeVar("Record")
 Finite = Annotated[float, "finite"]
 """A number that a file must state: null, which stands for infinity elsewhere, is refused."""
 _LARGEST = int(sys.float_info.max)
+_DEPTH = 100
 
 
 def write_canonical(value: object) -> bytes:
@@ -109,7 +110,7 @@ def write_plain(value: object) -> object:
             return {str(key): write_plain(entry) for key, entry in value.items()}
         case tuple() | list():
             return [write_plain(entry) for entry in value]
-    if is_dataclass(value):
+    if is_dataclass(value) and not isinstance(value, type):
         return {field.name: write_plain(getattr(value, field.name)) for field in fields(value)}
     # An array or a number of NumPy, which an option of the Python API may be.
     if hasattr(value, "tolist") and hasattr(value, "shape"):
@@ -118,17 +119,18 @@ def write_plain(value: object) -> object:
     raise TypeError(message)
 
 
-def read_record(kind: type[Record], value: object, where: str = "") -> Record:
+def read_record(kind: type[Record], value: object, where: str = "", *, complete: bool = False) -> Record:
     """Return the dataclass `kind` whose fields `write_plain` wrote as the dictionary `value`.
 
-    Fields may be text, numbers (null is read as infinite, and refused for `Finite`), booleans, enumerations,
-    dataclasses, tuples, float64 vectors, mappings (as they are), and each of these or None; those with a
-    default may be missing.
+    Fields may be text, numbers (null is read as infinite, and refused for `Finite`; a number that floats do
+    not hold is refused), booleans, enumerations, dataclasses, tuples, float64 vectors, mappings (as they
+    are), and each of these or None; those with a default may be missing.
 
     Args:
         kind: its annotations are read where it was defined.
         value: as `json.loads` returns it.
         where: it stands, for messages, such as "joints".
+        complete: whether every field must be there, as `write_plain` writes them, here and further in.
 
     Raises:
         InputError: with all that is wrong: the first problem of every field, fields that are missing or
@@ -140,7 +142,7 @@ def read_record(kind: type[Record], value: object, where: str = "") -> Record:
     problems = [
         _place(where, f"{name} is missing")
         for name, entry in sorted(known.items())
-        if name not in table and entry.default is MISSING and entry.default_factory is MISSING
+        if name not in table and (complete or (entry.default is MISSING and entry.default_factory is MISSING))
     ]
     found: dict[str, Any] = {}
     for name, entry in table.items():
@@ -148,7 +150,7 @@ def read_record(kind: type[Record], value: object, where: str = "") -> Record:
             problems.append(_place(where, f"{name} is unknown"))
             continue
         try:
-            found[name] = _read(hints[name], entry, f"{where}.{name}".lstrip("."))
+            found[name] = _read(hints[name], entry, f"{where}.{name}".lstrip("."), complete=complete)
         except InputError as error:
             problems += [notice.text for notice in error.notices]
     if problems:
@@ -159,7 +161,42 @@ def read_record(kind: type[Record], value: object, where: str = "") -> Record:
         raise _refuse(*(_place(where, notice.text) for notice in error.notices)) from error
 
 
-def _read(kind: Any, value: object, where: str) -> object:  # noqa: ANN401  (an annotation)
+def list_unusable(value: object, where: str = "", depth: int = 0) -> Iterator[str]:
+    """Yield what no file of symid holds, of any type: text that is no Unicode, numbers beyond floats, depth.
+
+    Args:
+        value: as `json.loads` returns it.
+        where: it stands, for messages, such as "joints".
+        depth: of tables and lists around it.
+    """
+    match value:
+        case str() if not _is_unicode(value):
+            yield _place(where, "holds text that is no Unicode")
+        case float() if not math.isfinite(value):
+            yield _place(where, f"expected a number, got {value!r}")
+        case dict() | list() if depth >= _DEPTH:
+            yield _place(where[:60], f"nested deeper than {_DEPTH} tables and lists")
+        case dict():
+            for name, entry in value.items():
+                if not _is_unicode(name):
+                    yield _place(where, f"the name {name!r:.60} is no Unicode")
+                else:
+                    yield from list_unusable(entry, f"{where}.{name}".lstrip("."), depth + 1)
+        case list():
+            for k, entry in enumerate(value):
+                yield from list_unusable(entry, f"{where}[{k}]", depth + 1)
+
+
+def _is_unicode(text: str) -> bool:
+    """Return whether text can be written: half of a surrogate pair, which JSON can say, cannot."""
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+def _read(kind: Any, value: object, where: str, *, complete: bool = False) -> object:  # noqa: ANN401
     """Return `value`, as JSON has it, as the type `kind`."""
     arguments, origin = get_args(kind), get_origin(kind) or kind
     if origin is Annotated:
@@ -167,10 +204,10 @@ def _read(kind: Any, value: object, where: str) -> object:  # noqa: ANN401  (an 
     if origin in {Union, UnionType}:
         if NoneType in arguments:
             inner = next(entry for entry in arguments if entry is not NoneType)
-            return None if value is None else _read(inner, value, where)
+            return None if value is None else _read(inner, value, where, complete=complete)
         return _expect(value, arguments, where)
     if is_dataclass(origin):
-        return read_record(kind, value, where)
+        return read_record(kind, value, where, complete=complete)
     if origin is tuple:
         entries = _expect(value, (list,), where)
         kinds = arguments[:1] * len(entries) if arguments[-1] is Ellipsis else arguments
@@ -178,7 +215,7 @@ def _read(kind: Any, value: object, where: str) -> object:  # noqa: ANN401  (an 
             text = f"expected {len(kinds)} entries, got {len(entries)}"
             raise _refuse(_place(where, text))
         return tuple(
-            _read(inner, entry, f"{where}[{k}]")
+            _read(inner, entry, f"{where}[{k}]", complete=complete)
             for k, (inner, entry) in enumerate(zip(kinds, entries, strict=True))
         )
     if origin.__name__ == "ndarray":
@@ -203,8 +240,9 @@ _WORDS = {str: "text", int: "a whole number", float: "a number", bool: "true or 
 
 def _expect(value: Any, kinds: tuple[type, ...], where: str) -> Any:  # noqa: ANN401  (from JSON)
     usable = isinstance(value, kinds) and (not isinstance(value, bool) or bool in kinds)
-    # A number beyond the range of floats would not become one.
-    if usable and not (float in kinds and isinstance(value, int) and abs(value) > _LARGEST):
+    # A number beyond the range of floats would not become one; as 1e400 it would become infinite.
+    is_beyond = float in kinds and isinstance(value, int | float) and not abs(value) <= _LARGEST
+    if usable and not is_beyond:
         return value
     names = [_WORDS.get(kind, "a list") for kind in kinds if kind is not int or float not in kinds]
     got = "null" if value is None else f"{value!r:.60}"

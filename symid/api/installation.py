@@ -13,7 +13,7 @@ from pathlib import Path
 
 from symid.errors import Notice, SymidError
 
-_PACKAGES = ("casadi", "click", "jinja2", "numpy", "scipy", "sympy")
+_PACKAGES = ("casadi", "click", "filelock", "jinja2", "numpy", "scipy", "sympy")
 _OLDEST = (3, 11)
 
 

@@ -1,6 +1,6 @@
 """What a fit is tested by: a held-out log, its own logs again, values of others; and the page of it all.
 
-Trial -> `LogValidation`: residuals, a gate, figures; diagnosis -> `FitDiagnosis`; page -> `FitPage`;
+Validation -> `LogValidation`: residuals, a gate, figures; diagnosis -> `FitDiagnosis`; page -> `FitPage`;
 estimate, other estimates or tables of values -> `Comparison`, group by group.
 """
 

@@ -170,7 +170,7 @@ _FILES = {
 
 
 class _Verbs(click.Group):
-    """A group whose commands are modules of this room, imported on demand."""
+    """A group whose commands stand in files of this room, imported on demand."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002  click's interface
         """Return the verbs in the order in which they are used."""

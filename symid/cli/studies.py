@@ -54,7 +54,7 @@ def _is_flag(text: str) -> bool:
 
 
 def _runs_options(seeds: int, seed: int = DEFAULT_SEED, *, jobs: bool = True) -> Decorator:
-    """Return the options of `_Runs`, with their defaults."""
+    """Return the options of a study's runs, with their defaults."""
     options = (
         option(
             "--seeds",

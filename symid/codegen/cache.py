@@ -72,7 +72,7 @@ def locate_cache_folder() -> Path:
 
 
 def make_temporary_folder() -> Path:
-    """Return this user's own folder among the temporary ones; what is loaded from it nobody else wrote.
+    """Return this user's own folder among the temporary ones, closed to all others.
 
     Raises:
         OSError: there is no place for temporary files.
@@ -83,6 +83,9 @@ def make_temporary_folder() -> Path:
     except FileExistsError:
         if not folder.is_dir() or describe_path_risk(folder) or not os.access(folder, os.W_OK):
             return Path(tempfile.mkdtemp(prefix="symid-"))
+        # The user's own, which nobody else could write: what is in it is sound, but it was not private.
+        if stat.S_IMODE(folder.stat().st_mode) != stat.S_IRWXU:
+            folder.chmod(stat.S_IRWXU)
     return folder
 
 
@@ -206,7 +209,7 @@ def _describe_damage(place: Path, key: str) -> str:
 
 
 def _store_entry(entry: CacheEntry[T], place: Path) -> None:
-    """Make the entry beside its place, and move it there by one rename."""
+    """Make the entry beside its place, and move it there by one rename; a sound one there is kept."""
     staging = place.parent / f".new-{secrets.token_hex(6)}"
     try:
         entry.make(staging)
@@ -232,9 +235,11 @@ def _load_or_make(entry: CacheEntry[T], place: Path) -> tuple[T, str]:
         except (GenerationError, UsageError) as error:
             # It is as its seal says; but whoever can write an entry can write its seal.
             damage = str(error)
+    # Only what was looked at: where nothing was, another process may have stored a sound entry since.
+    if damage:
+        _remove_entry(place)
     tries = 3
     while True:
-        _remove_entry(place)
         _remove_leftovers(place.parent)
         _store_entry(entry, place)
         try:

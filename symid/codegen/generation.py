@@ -16,11 +16,14 @@ machines.
 """
 
 import contextlib
+import errno
+import functools
 import json
 import os
 import platform
 import re
 import shutil
+import stat
 import subprocess
 import sys
 import tempfile
@@ -30,9 +33,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import NoReturn
 
-from filelock import FileLock, Timeout
+from filelock import BaseFileLock, FileLock, Timeout
 
-from symid.codegen.cache import compute_library_key, make_temporary_folder
+from symid.codegen.cache import compute_library_key, locate_user_folder
 from symid.codegen.compiler import STACK_FLAG, CodeSize, Compiler, locate_compiler, measure_code_sizes
 from symid.codegen.source_folder import (
     MANIFEST,
@@ -53,28 +56,97 @@ _ENTRY = "build"
 _LOCK_PATIENCE = 1.0
 
 
+def _find_lock_files(target: Path) -> tuple[Path, ...]:
+    """Return the file whose lock keeps `target`, then those to wait for.
+
+    Where the folder above `target` is missing, the file is in the nearest one that is there. A run that began
+    so still holds it after it has made the folders between: whoever comes then has to wait for that one too.
+    """
+    digest = compute_digest(os.fsencode(target))[:24]
+    name = f".{target.name}-{digest}.symid-lock"
+    above = [place for place in target.parents if place.is_dir()] or [target]
+    nearest, *farther = above
+    if os.access(nearest, os.W_OK | os.X_OK):
+        first = nearest / (f".{target.name}.symid-lock" if nearest == target.parent else name)
+    elif own := locate_user_folder():
+        own.mkdir(mode=stat.S_IRWXU, parents=True, exist_ok=True)
+        first = own / f"{digest}.lock"
+    else:
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(nearest))
+    return first, *(place / name for place in farther)
+
+
+def _is_held(lock: BaseFileLock, file: Path) -> bool:
+    """Return whether `lock` is one on the file that now has the name, not on one that was removed."""
+    handle = lock._context.lock_file_fd  # noqa: SLF001  filelock offers no other way to it
+    try:
+        # None: where the system has no such locks, the file itself is the lock.
+        return handle is None or os.path.samestat(os.fstat(handle), file.lstat())
+    except FileNotFoundError:
+        return False
+
+
+def _release_lock(lock: BaseFileLock) -> None:
+    # The file goes while the lock is held: who waits for it sees by `_is_held` that it is another by then.
+    with contextlib.suppress(OSError):
+        Path(lock.lock_file).unlink()
+    lock.release()
+
+
+def _acquire_lock(file: Path, tell: Callable[[], None]) -> BaseFileLock:
+    while True:
+        lock = FileLock(file)
+        try:
+            lock.acquire(timeout=_LOCK_PATIENCE)
+        except Timeout:
+            tell()
+            lock.acquire()
+        if _is_held(lock, file):
+            return lock
+        lock.release()
+
+
+def _acquire_folder(target: Path, tell: Callable[[], None]) -> BaseFileLock:
+    while True:
+        files = _find_lock_files(target)
+        lock = _acquire_lock(files[0], tell)
+        try:
+            # Folders above may have come meanwhile, and with them a place that others prefer.
+            if _find_lock_files(target)[0] == files[0]:
+                for file in filter(Path.exists, files[1:]):
+                    with contextlib.suppress(PermissionError):
+                        _release_lock(_acquire_lock(file, tell))
+                return lock
+        except BaseException:
+            _release_lock(lock)
+            raise
+        _release_lock(lock)
+
+
 @contextlib.contextmanager
 def lock_folder(folder: Path, tell: Callable[[], None]) -> Iterator[None]:
     """Wait until no other process of this user has `folder`, and keep it from others in the context.
 
-    The lock is one of the system's on a file in the user's own temporary folder: a process that dies leaves
-    none behind.
+    The lock is one of the system's on a file beside the folder or, where none can be written there, in the
+    user's cache folder. The file is removed; what a process that dies leaves of it keeps nobody out.
 
     Args:
         folder: it need not be there yet.
         tell: called once where the wait takes longer than a second.
+
+    Raises:
+        OutputError: no file for the lock can be written.
     """
-    name = compute_digest(os.fsencode(folder.resolve()))[:24]
-    lock = FileLock(make_temporary_folder() / f"{name}.lock")
     try:
-        lock.acquire(timeout=_LOCK_PATIENCE)
-    except Timeout:
-        tell()
-        lock.acquire()
+        lock = _acquire_folder(folder.resolve(), functools.cache(tell))
+    except OSError as error:
+        where = f" ({error.filename})" if error.filename else ""
+        text = f"cannot be locked against other runs: {error.strerror or error}{where}"
+        raise OutputError(Notice(code="output.cannot-write", text=text, file=str(folder))) from error
     try:
         yield
     finally:
-        lock.release()
+        _release_lock(lock)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

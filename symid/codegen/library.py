@@ -15,6 +15,7 @@ that a newer CasADi wrote.
 import ctypes
 import shutil
 import tempfile
+import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
@@ -35,7 +36,12 @@ from symid.codegen.calls import (
     redirect_outputs,
 )
 from symid.codegen.functions import FunctionSpec, ModelCard, Port, write_model_card
-from symid.codegen.source_folder import get_listed_digests, list_interrupted_updates, read_manifest
+from symid.codegen.source_folder import (
+    get_listed_digests,
+    is_unchanged,
+    list_interrupted_updates,
+    read_manifest,
+)
 from symid.errors import GenerationError, InputError, Notice, UsageError
 from symid.serialization import compute_signature, read_record
 
@@ -495,15 +501,47 @@ def _read_manifest_text(manifest: Mapping[str, object], key: str, folder: Path) 
     return value
 
 
+_UPDATE_PATIENCE = 1.0
+_UPDATE_LOOK = 0.05
+
+
+def _await_update(folder: Path) -> None:
+    """Wait until no update of `folder` runs, about a second at most: one may have been interrupted."""
+    end = time.monotonic() + _UPDATE_PATIENCE
+    while list_interrupted_updates(folder) and time.monotonic() < end:
+        time.sleep(_UPDATE_LOOK)
+
+
+def _build_mixed_error(folder: Path) -> UsageError:
+    why = "an update is running or was interrupted; wait, or generate the folder again"
+    text = f"new files stand beside old ones: {why}"
+    return UsageError(Notice(code="usage.broken-manifest", text=text, file=str(folder)))
+
+
+def _build_unchanged(
+    folder: Path, manifest: Mapping[str, object], card: ModelCard, engine: Engine, *notices: Notice
+) -> Library:
+    """Return the library of `engine`, whose files were read one by one and must belong together.
+
+    Raises:
+        UsageError: an update began before all were read, or somebody changed one.
+    """
+    if not is_unchanged(folder, manifest):
+        raise _build_mixed_error(folder)
+    return Library(card, engine, notices)
+
+
 def load_library(folder: Path, *, notices: tuple[Notice, ...] = ()) -> Library:
     """Return the library in a folder that symid generated; C needs `make shared` first.
 
     A folder for CasADi works as it is; after `make shared` its compiled C is used, which is faster.
 
     Raises:
-        UsageError: the folder holds no generated library, or its C was not compiled since it was written.
+        UsageError: the folder holds no generated library, or its C was not compiled since it was written,
+            or its files do not belong together.
         GenerationError: the library does not load on this machine.
     """
+    _await_update(folder)
     manifest = read_manifest(folder)
     if manifest is None:
         text = "holds no library of symid: there is no manifest.json that it wrote"
@@ -514,11 +552,11 @@ def load_library(folder: Path, *, notices: tuple[Notice, ...] = ()) -> Library:
         text = f"the manifest holds no model card ({error}); generate the folder again"
         raise UsageError(Notice(code="usage.broken-manifest", text=text, file=str(folder))) from error
     if list_interrupted_updates(folder):
-        text = "new files stand beside old ones: an update was interrupted; generate the folder again"
-        raise UsageError(Notice(code="usage.broken-manifest", text=text, file=str(folder)))
+        raise _build_mixed_error(folder)
     prefix = _read_manifest_text(manifest, "prefix", folder)
     if manifest.get("target") == "python":
-        return Library(card, PythonEngine(import_generated_module(folder / f"{prefix}.py")), notices)
+        module = import_generated_module(folder / f"{prefix}.py")
+        return _build_unchanged(folder, manifest, card, PythonEngine(module), *notices)
     precision = _read_manifest_text(manifest, "precision", folder)
     digest = compute_build_digest(
         card, prefix=prefix, precision=precision, files=get_listed_digests(manifest)
@@ -528,7 +566,8 @@ def load_library(folder: Path, *, notices: tuple[Notice, ...] = ()) -> Library:
     if casadi and not binary.is_file():
         text = f"no {binary.name}: CasADi's virtual machine is used, which is slower; run `make shared` there"
         notice = Notice(code="codegen.casadi-machine", text=text, file=str(folder))
-        return Library(card, CasadiEngine(_load_serialized(folder, card)), (*notices, notice))
+        engine = CasadiEngine(_load_serialized(folder, card))
+        return _build_unchanged(folder, manifest, card, engine, *notices, notice)
     if casadi:
         return Library(card, _load_compiled(binary, card, prefix, digest), notices)
     if not binary.is_file():

@@ -174,7 +174,7 @@ def _is_power_of_two(value: float) -> bool:
 
 
 class ExpressionTable:
-    """Hash-consed instructions. Methods take and return references (see `instructions`)."""
+    """Hash-consed instructions. Methods take and return references (see above)."""
 
     def __init__(self) -> None:
         self._ops: list[Op] = []

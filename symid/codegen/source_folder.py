@@ -26,6 +26,7 @@ from symid.errors import Notice, OutputError
 
 MANIFEST = "manifest.json"
 _UPDATE_PREFIX = ".symid-update-"
+_MANIFEST_PREFIX = ".symid-manifest-"
 _SYNC_WORKERS = 16
 
 # The digests that a file may have to be as symid wrote it, by its path in the folder.
@@ -82,6 +83,11 @@ def list_interrupted_updates(folder: Path) -> list[Path]:
     return sorted(folder.glob(f"{_UPDATE_PREFIX}*")) if folder.is_dir() else []
 
 
+def _list_leftovers(folder: Path) -> list[Path]:
+    """Return all that runs which did not get to their end left in `folder`."""
+    return [*list_interrupted_updates(folder), *sorted(folder.glob(f"{_MANIFEST_PREFIX}*"))]
+
+
 def _is_inside(path: str) -> bool:
     return not Path(path).is_absolute() and ".." not in Path(path).parts
 
@@ -128,18 +134,19 @@ def write_manifest_text(text: str, folder: Path) -> None:
         OutputError: it cannot be written.
     """
     target = folder.resolve()
-    staging = target / f"{_UPDATE_PREFIX}{secrets.token_hex(6)}"
+    # Not the prefix of updates: no new files stand beside old ones meanwhile.
+    staging = target / f"{_MANIFEST_PREFIX}{secrets.token_hex(6)}"
     try:
-        staging.mkdir()
-        (staging / MANIFEST).write_bytes(text.encode())
-        _sync_to_disk(staging / MANIFEST)
-        _copy_owner(target / MANIFEST, staging / MANIFEST)
-        (staging / MANIFEST).replace(target / MANIFEST)
+        staging.write_bytes(text.encode())
+        _sync_to_disk(staging)
+        _copy_owner(target / MANIFEST, staging)
+        staging.replace(target / MANIFEST)
         _sync_to_disk(target)
     except OSError as error:
         raise _build_write_error(error, folder) from error
     finally:
-        shutil.rmtree(staging, ignore_errors=True)
+        with contextlib.suppress(OSError):
+            staging.unlink(missing_ok=True)
 
 
 def _build_write_error(error: OSError, folder: Path) -> OutputError:
@@ -153,7 +160,7 @@ def _check_folder(folder: Path, listed: ListedDigests | None, *, force: bool) ->
         raise OutputError(Notice(code="output.not-a-folder", text=text, file=str(folder)))
     if listed is not None or force or not folder.is_dir():
         return
-    if set(folder.iterdir()) - set(list_interrupted_updates(folder)):
+    if set(folder.iterdir()) - set(_list_leftovers(folder)):
         text = "is not empty and holds no manifest of symid; give an empty folder, or force"
         raise OutputError(Notice(code="output.foreign-folder", text=text, file=str(folder)))
 
@@ -212,7 +219,7 @@ def _write_folder(sources: SourceSet, folder: Path) -> None:
 
 def _update_folder(sources: SourceSet, folder: Path, listed: ListedDigests) -> None:
     """Move the files into `folder` one by one; the folder itself stays what it is."""
-    remains = list_interrupted_updates(folder)
+    remains = _list_leftovers(folder)
     staging = folder / f"{_UPDATE_PREFIX}{secrets.token_hex(6)}"
     moved = False
     try:
@@ -233,7 +240,11 @@ def _update_folder(sources: SourceSet, folder: Path, listed: ListedDigests) -> N
             shutil.rmtree(staging, ignore_errors=True)
         raise
     for place in (staging, *remains):
-        shutil.rmtree(place, ignore_errors=True)
+        if place.is_dir():
+            shutil.rmtree(place, ignore_errors=True)
+        else:
+            with contextlib.suppress(OSError):
+                place.unlink()
 
 
 def write_sources(sources: SourceSet, folder: Path, *, force: bool = False) -> tuple[Path, ...]:

@@ -123,9 +123,9 @@ def build_workspace(
 ) -> RouteWorkspace:
     """Return a new workspace for the function `spec`.
 
-    `turns` are constant turns of joints (see `turns`) that are added to the joints' angles; the others are
-    part of the placements. `constants` are values of vectors that are no inputs of the function. `exact`
-    keeps numbers and symbolic lengths as they are, see `ValueAlgebra.numbers`.
+    `turns` are constant turns of joints (`list_constant_rotations`) that are added to the joints' angles; the
+    others are part of the placements. `constants` are values of vectors that are no inputs of the function.
+    `exact` keeps numbers and symbolic lengths as they are, see `ValueAlgebra.numbers`.
     """
     turns = turns or {}
     table = ExpressionTable()

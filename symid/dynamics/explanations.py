@@ -181,7 +181,7 @@ def explain_elimination(
         label: the parameter.
         groups: the base parameters it was grouped into, and their representatives.
         angular: angular components of each attainable velocity of the link.
-        form: what is looked at, as in `find_base_parameters`.
+        form: what is looked at, as in `derive_base_parameters`.
     """
     if not groups:
         return f"no effect: {_describe(robot, label, angular)}, and {_SHOWN[form]} shows it"

@@ -369,7 +369,7 @@ def compute_tensor_torques(
     Args:
         recursion: the robot in its state.
         parameters: values of the parameters.
-        reference: dqr and ddqr for M ddqr + C dqr + g (see `spins`); None for the state's own dq and ddq.
+        reference: dqr and ddqr for M ddqr + C dqr + g (see above); None for the state's own dq and ddq.
     """
     algebra = recursion.algebra
     wrenches = [

@@ -338,7 +338,7 @@ def compute_standard_set(
         robot: the robot.
         base: its base parameters.
         values: base values by name, some or all of them, friction too; or beta (b,), or beta and f (b + p,).
-        prior: (n, 10) standard parameters of bodies that exist; see `consistency_prior` for the default.
+        prior: (n, 10) standard parameters of bodies that exist; see `build_prior` for the default.
         weights: (n,) positive weights of the links in the distance; one by default.
         deviations: standard deviations of the base values, by name: they weigh the rows where no bodies
             have the base values; by default each row counts in units of its size.

@@ -118,7 +118,7 @@ def compute_slotine_li_columns(
     *,
     meet: ProjectionFrame | None = None,
 ) -> Columns[T]:
-    """Return the columns of M ddqr + C dqr + g (Slotine and Li 1987); see `spins` for the factor C.
+    """Return the columns of M ddqr + C dqr + g (Slotine and Li 1987); see `newton_euler` for the factor C.
 
     Args:
         recursion: the robot in its state (q, dq).

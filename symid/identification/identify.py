@@ -1,6 +1,6 @@
 """From a robot and its recordings to an estimate: rigid, motor side alone, elastic joints, or friction.
 
-Robot, recordings, what is asked for -> `Identification` or `IdentifiedFriction`.
+Robot, recordings, what is asked for -> `Identification`.
 
     robot, recordings, options -> route -> library -> estimate, with what a reader must know
 

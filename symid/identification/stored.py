@@ -3,11 +3,13 @@
 FitRecord of any kind <-> file;  a fit or its file -> FitRecord, and where it is from.
 
 Supported: format "symid fit", version 2, SI units; a number that is not finite is written as null. Version 1,
-which had a format for each kind, is still read.
+which had a format for each kind, is still read, fields that it did not have by their defaults; a file of
+version 2 has all fields.
 """
 
 import json
 from collections.abc import Mapping, Sequence
+from itertools import islice
 from os import PathLike
 from pathlib import Path
 from typing import Any, Protocol
@@ -18,11 +20,13 @@ from symid.errors import EstimateError, Notice, SymidError
 from symid.identification.elastic import ElasticEstimate, name_friction
 from symid.identification.estimators import Estimate, FitRecord, check_model
 from symid.identification.friction import FrictionIdentification
-from symid.serialization import read_record, write_plain
+from symid.serialization import list_unusable, read_record, write_plain
 
 StoredResult = Estimate | ElasticEstimate | FrictionIdentification
 _FORMAT = "symid fit"
 _VERSION = 2
+_MOST = 20
+"""Entries that no file holds are named up to so many."""
 _KINDS: Mapping[str, type[StoredResult]] = {
     kind.kind: kind for kind in (Estimate, ElasticEstimate, FrictionIdentification)
 }
@@ -74,9 +78,12 @@ def read_fit(path: Path, card: ModelCard | None = None) -> StoredResult:
         EstimateError: there is no such file, it holds something else, or belongs to another model; all that
             is wrong is said at once.
     """
-    kind, body = _split(path, _read_json(path))
+    kind, body, complete = _split(path, _read_json(path))
+    unusable = list(islice(list_unusable(body), _MOST))
+    if unusable:
+        raise EstimateError(*(Notice(code="estimate.format", text=text, file=str(path)) for text in unusable))
     try:
-        record = read_record(_KINDS[kind], body)
+        record = read_record(_KINDS[kind], body, complete=complete)
         mistakes = record.list_mistakes()
     except SymidError as error:
         mistakes = [notice.text for notice in error.notices]
@@ -88,12 +95,12 @@ def read_fit(path: Path, card: ModelCard | None = None) -> StoredResult:
 
 
 def is_fit(path: Path) -> bool:
-    """Return whether `path` holds something that symid wrote, whatever may be wrong with it."""
+    """Return whether `path` holds a fit that symid wrote, whatever may be wrong with it."""
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return False
-    return isinstance(data, dict) and str(data.get("format", "")).startswith("symid")
+    return isinstance(data, dict) and _is_format(data.get("format"))
 
 
 def read_result(given: GivenResult) -> tuple[StoredResult, Path]:
@@ -163,8 +170,11 @@ def _read_json(path: Path) -> object:
         raise _refuse(path, f"cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise _refuse(path, "not a text file, so not an estimate") from error
+    except ValueError as error:
+        # No file can have the name, which holds a null byte or no Unicode.
+        raise _refuse(path, f"cannot be read: {error}") from error
     try:
-        return json.loads(text, parse_constant=_refuse_constant)
+        return json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_build_table)
     except json.JSONDecodeError as error:
         raise _refuse(path, f"not JSON: {error.msg}", error.lineno, error.colno) from error
     except RecursionError as error:
@@ -178,20 +188,36 @@ def _refuse_constant(name: str) -> float:
     raise ValueError(message)
 
 
-def _split(path: Path, data: object) -> tuple[str, dict[str, Any]]:
-    """Return the kind of a fit and its fields, those of version 1 as they are called now."""
+def _build_table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        message = f"the key {twice!r:.60} is given twice in one table"
+        raise ValueError(message)
+    return table
+
+
+def _is_format(name: object) -> bool:
+    return isinstance(name, str) and (name == _FORMAT or name in _BEFORE)
+
+
+def _split(path: Path, data: object) -> tuple[str, dict[str, Any], bool]:
+    """Return the kind of a fit, its fields, those of version 1 as they are called now, and if all are due."""
     name = data.get("format") if isinstance(data, dict) else None
-    if not isinstance(data, dict) or (name != _FORMAT and name not in _BEFORE):
-        raise _refuse(path, "this is JSON, but not an estimate written by symid")
+    if not isinstance(data, dict) or not _is_format(name):
+        saw = "" if name is None else f": its format is {name!r:.60}"
+        raise _refuse(path, f"this is JSON, but not an estimate written by symid{saw}")
     body = {key: value for key, value in data.items() if key not in {"format", "version", "kind"}}
     version, kind = (_VERSION, str(data.get("kind"))) if name == _FORMAT else (1, _BEFORE[str(name)])
-    if data.get("version") != version:
+    if type(data.get("version")) is not int or data["version"] != version:
         raise _refuse(path, f"version {data.get('version')!r} of the format; this symid reads {version}")
     if kind not in _KINDS:
         raise _refuse(path, f"kind: expected one of {', '.join(_KINDS)}, got {kind!r}")
     if version == 1 and kind == "elastic":
         # Names of parameters told which friction models the joints have.
-        entries = body.get("parameters")
-        names = [str(entry.get("name")) for entry in entries or () if isinstance(entry, dict)]
+        given = body.get("parameters")
+        entries = given if isinstance(given, list) else []
+        names = [str(entry.get("name")) for entry in entries if isinstance(entry, dict)]
         body["friction"] = list(name_friction(names))
-    return kind, body
+    return kind, body, version == _VERSION

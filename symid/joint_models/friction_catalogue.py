@@ -598,8 +598,8 @@ def _explain(name: str) -> str:
             return f": {mistake}"
     if name in DYNAMIC_LAWS:
         return (
-            ": it is one with a memory, which Python and C know (symid.joint.friction_dynamic, "
-            "symid.friction.presliding), and not one of these"
+            ": it is one with a memory, which Python and C know (symid.joint_models.get_dynamic_law, "
+            "symid.identification.friction.fit_presliding), and not one of these"
         )
     near = difflib.get_close_matches(name, FRICTION_LAWS, n=3, cutoff=0.5)
     return f"; did you mean {' or '.join(near)}?" if near else ""

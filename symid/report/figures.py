@@ -24,6 +24,8 @@ import numpy as np
 from symid.arrays import FloatArray
 
 WIDTH = 860
+_SMALLEST, _LARGEST = 1e-300, 1e300
+"""Ends of axes: the least of a logarithmic one, and the greatest. What lies beyond is not in the drawing."""
 _RIGHT, _BOTTOM = 14, 46
 _CHARACTER = 6.7
 """Width of a character of the legend on average, in the unit of the drawing."""
@@ -94,11 +96,15 @@ def build_axis(arrays: Sequence[FloatArray], margin: float, *, logarithmic: bool
     """Return the axis of all values of `arrays`, with `margin` as a part of its length on either side."""
     low = min(float(np.min(array)) for array in arrays)
     high = max(float(np.max(array)) for array in arrays)
-    if logarithmic:
+    if not logarithmic:
+        # Further apart the length of the axis would be infinite.
+        low, high = (min(max(end, -_LARGEST), _LARGEST) for end in (low, high))
+    else:
         # At least a factor of three, so that there is a tick to read.
         middle, half = math.sqrt(low * high), max(math.sqrt(high / low), math.sqrt(3.0))
         ratio = half ** (1.0 + 2.0 * margin)
-        return Axis(low=middle / ratio, high=middle * ratio, logarithmic=True)
+        low = min(max(middle / ratio, _SMALLEST), 0.1 * _LARGEST)
+        return Axis(low=low, high=min(max(middle * ratio, 10.0 * _SMALLEST), _LARGEST), logarithmic=True)
     if high - low <= 1e-12 * max(abs(low), abs(high)):
         # A constant still needs an axis of some length.
         half = 0.5 * max(abs(low), 1.0)
@@ -479,7 +485,7 @@ def build_interval_figure(title: str, description: str, label: str, intervals: S
         intervals: at least one, from top to bottom.
     """
     ends = np.array([entry.middle for entry in intervals])
-    logarithmic = bool(ends.min() > 0.0 and ends.max() / ends.min() > _LOGARITHMIC_RATIO)
+    logarithmic = bool(ends.min() > 0.0 and float(ends.max()) / float(ends.min()) > _LOGARITHMIC_RATIO)
     axis = build_axis([ends] if logarithmic else [np.append(ends, 0.0)], 0.04, logarithmic=logarithmic)
     left = 24.0 + 7.0 * max(len(entry.label) for entry in intervals)
     # The figures stand right of the marks and need room even there.
@@ -496,7 +502,9 @@ def build_interval_figure(title: str, description: str, label: str, intervals: S
 def _widen(axis: Axis, share: float) -> Axis:
     """Return the axis, longer at its high end by a part of its length."""
     if axis.logarithmic:
-        high = axis.high * (axis.high / axis.low) ** share
+        decades = math.log10(axis.high) - math.log10(axis.low)
+        is_beyond = math.log10(axis.high) + share * decades > math.log10(_LARGEST)
+        high = _LARGEST if is_beyond else min(axis.high * (axis.high / axis.low) ** share, _LARGEST)
     else:
         high = axis.high + share * (axis.high - axis.low)
     return Axis(low=axis.low, high=high, logarithmic=axis.logarithmic)

@@ -260,7 +260,7 @@ def show_elastic(estimate: "ElasticEstimate") -> tuple[Block, ...]:
     """Return a headline, why the method was taken, the tables, and what was refused."""
     return (
         f"{estimate.robot}: {estimate.method}, condition {estimate.condition:.3g}: {estimate.outcome.value}",
-        f"{estimate.reason[0].upper()}{estimate.reason[1:]}.",
+        f"{estimate.reason[:1].upper()}{estimate.reason[1:]}.",
         show_elastic_parameters(estimate),
         *([show_springs(estimate)] if estimate.springs else []),
         show_residual((*estimate.residual, estimate.energy)),

@@ -1,7 +1,7 @@
 """What a fit is tested by: held-out logs, a diagnosis, values of others, as text and as objects.
 
-`RigidTrial`, `ElasticOutcome`, `FrictionTrial`, `Diagnosis`, `Compared` -> blocks, dictionaries, figures
-for a notebook, warnings.
+`RigidValidation`, `ElasticValidation`, `FrictionValidation`, `Diagnosis`, `Compared` -> blocks,
+dictionaries, figures for a notebook, warnings.
 """
 
 from collections.abc import Sequence

@@ -22,6 +22,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from symid.errors import Notice, RobotError
+from symid.serialization import Finite
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, order=True)
@@ -31,7 +32,7 @@ class Stop:
     `stiffness` in N m/rad or N/m; None where it is to be identified.
     """
 
-    threshold: float
+    threshold: Finite
     stiffness: float | None = None
 
 
@@ -42,8 +43,8 @@ class Knee:
     A positive threshold acts above it, a negative one below it.
     """
 
-    threshold: float
-    slope: float
+    threshold: Finite
+    slope: Finite
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

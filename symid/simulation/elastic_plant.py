@@ -1,8 +1,8 @@
 """The plant of an elastic robot: its values, its rest under its weight, its motion, in C or in NumPy.
 
 Robot and its library's card -> ElasticValues -> PlantRobot. PlantRobot, torques that the springs carry ->
-torsions and play states at rest. Library, PlantRobot, PlantOrder -> PlantLog and notices on how it came
-about: compiled where there is a compiler, else by the same equations and steps as `templates/c/plant.c`
+torsions and play states at rest. Library, PlantRobot, PlantExperiment -> PlantLog and notices on how it
+came about: compiled where there is a compiler, else by the same equations and steps as `templates/c/plant.c`
 in NumPy, several hundred times slower.
 
     rest: S(v(phi)) = g,   v on the virgin curve: P_i = sign(phi) max(|phi| - r_i, 0)

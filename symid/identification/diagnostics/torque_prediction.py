@@ -101,7 +101,7 @@ def predict_torques(
         recording: the log.
         processing: filter of the positions, and samples cut at either end of the log; its decimation
             and its low-pass of the torque take no part; a filter that is left open is chosen from the log
-            (`settle_as_fitted` takes that of a fit).
+            (`resolve_processing` takes that of a fit).
         band: in Hz.
         ends: s that do not count, at either end of what is left.
 

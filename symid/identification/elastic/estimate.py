@@ -97,7 +97,7 @@ class MethodTrial:
 
     Args:
         method: its name; outcome: how it ended.
-        error: of prediction in units of the noise (see `choice`), None where none was asked for.
+        error: of prediction in units of the noise (see `CandidateScore`), None where none was asked for.
         values: of all dynamic parameters, in the order of the estimate's.
     """
 
@@ -147,10 +147,16 @@ class ElasticEstimate(DynamicsRecord):
             )
             for joint, spring in stated
         ]
-        return DynamicsRecord.list_mistakes(self) + [
+        mistakes = DynamicsRecord.list_mistakes(self) + [
             f"springs: {joint}: expected a number, got null"
             for joint, values in numbers
             if any(value is None or not math.isfinite(value) for value in values)
+        ]
+        return mistakes + [
+            f"springs: {spring.joint}: {name}: expected a number that is not negative, got {value:g}"
+            for spring in self.springs
+            for name in ("torsion", "excited", "torque")
+            if not (value := getattr(spring, name)) >= 0.0
         ]
 
     def list_strangers(self, card: ModelCard) -> list[str]:

@@ -54,10 +54,14 @@ class NlpOptions:
             UsageError: with all that is wrong.
         """
         mistakes = []
-        if not self.rows or any(kind not in NLP_ROWS for kind in self.rows):
-            mistakes.append(f"rows {self.rows}: must be some of {', '.join(NLP_ROWS)}")
-        if len(set(self.rows)) < len(self.rows):
-            mistakes.append(f"rows {self.rows}: each kind once")
+        rows: object = self.rows
+        if isinstance(rows, str):
+            mistakes.append(f"rows {self.rows!r}: must be a tuple of kinds, such as ({NLP_ROWS[0]!r},)")
+        else:
+            if not self.rows or any(kind not in NLP_ROWS for kind in self.rows):
+                mistakes.append(f"rows {self.rows}: must be some of {', '.join(NLP_ROWS)}")
+            if len(set(self.rows)) < len(self.rows):
+                mistakes.append(f"rows {self.rows}: each kind once")
         if self.hessian not in HESSIANS:
             mistakes.append(f"hessian {self.hessian!r}: allowed are {', '.join(HESSIANS)}")
         for name in ("speeds", "slopes"):
@@ -76,7 +80,7 @@ class NlpOptions:
         ]
         if not 0.0 <= self.smoothing < math.inf:
             mistakes.append(f"smoothing {self.smoothing:g}: must be a speed, or 0")
-        mistakes += _list_small_counts(self, {"rounds": 0, "iterations": 1})
+        mistakes += _list_wrong_counts(self, {"rounds": 0, "iterations": 1})
         _refuse("usage.nlp-option", mistakes)
 
 
@@ -132,13 +136,7 @@ class ElasticOptions:
         ]
         if self.cutoff is not None and not 0.0 <= self.cutoff < math.inf:
             mistakes.append(f"cutoff {self.cutoff:g}: must be a frequency in Hz, or 0 for no filter")
-        counts = {"stops": 0, "knees": 0, "iterations": 1}
-        mistakes += _list_small_counts(self, counts)
-        mistakes += [
-            f"{name} {getattr(self, name)}: must be a whole number"
-            for name in counts
-            if getattr(self, name) % 1
-        ]
+        mistakes += _list_wrong_counts(self, {"stops": 0, "knees": 0, "iterations": 1})
         mistakes += [
             f"thresholds {grid}: must be positive and increase, each once"
             for grid in self.thresholds or ()
@@ -177,11 +175,17 @@ def _refuse(code: str, mistakes: Sequence[str]) -> None:
         raise UsageError(*(Notice(code=code, text=text) for text in mistakes))
 
 
-def _list_small_counts(options: object, counts: dict[str, int]) -> list[str]:
-    return [
+def _list_wrong_counts(options: object, counts: dict[str, int]) -> list[str]:
+    small = [
         f"{name} {getattr(options, name)}: must be {least} or more"
         for name, least in counts.items()
         if getattr(options, name) < least
+    ]
+    return small + [
+        f"{name} {getattr(options, name)}: must be a whole number"
+        for name in counts
+        # Not a number leaves no zero either.
+        if getattr(options, name) % 1
     ]
 
 

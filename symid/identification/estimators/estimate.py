@@ -227,7 +227,7 @@ class DynamicsRecord(FitRecord):
         """Return what is wrong with a record from a file: entries that do not fit each other."""
         count, friction = len(self.parameters), [kind.value for kind in (*FrictionKind, *CurvedFriction)]
         mistakes = []
-        if {len(self.covariance), *map(len, self.covariance)} - {0, count}:
+        if self.covariance and [len(row) for row in self.covariance] != [count] * count:
             mistakes.append(f"covariance: expected {count} rows of {count} numbers, one for each parameter")
         if not self.residual:
             mistakes.append("residual: expected one entry for each joint, got none")
@@ -235,6 +235,15 @@ class DynamicsRecord(FitRecord):
             f"friction: expected one of {', '.join(friction)}, got {name!r}"
             for name in self.friction
             if name not in friction
+        ]
+        if not self.sources:
+            mistakes.append("sources: expected at least one log, got none")
+        if not self.condition >= 0.0:
+            mistakes.append(f"condition: expected a number that is not negative, got {self.condition:g}")
+        mistakes += [
+            f"parameters: {entry.name}: std: expected a number that is not negative, got {entry.std:g}"
+            for entry in self.parameters
+            if not entry.std >= 0.0
         ]
         return mistakes + [
             f"residual.samples: expected a count, got {entry.samples}"

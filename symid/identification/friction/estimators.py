@@ -23,6 +23,11 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.errors import Notice, SolverError, UsageError
 from symid.identification.estimators import ParameterEstimate
+from symid.identification.friction.bounded_search import (
+    search_by_evolution,
+    search_by_nlp,
+    search_by_population,
+)
 from symid.identification.friction.estimate import (
     FrictionEstimate,
     FrictionSearch,
@@ -32,7 +37,8 @@ from symid.identification.friction.estimate import (
     compute_uncertainty,
 )
 from symid.identification.friction.problem import SPEED_UNITS, FrictionOptions, FrictionProblem, build_problem
-from symid.identification.friction.samples import FrictionSamples, build_friction_rows
+from symid.identification.friction.samples import FrictionSamples, build_friction_rows, is_one_sided
+from symid.identification.friction.variable_projection import search_by_projection, search_by_roots
 from symid.identification.regression import solve_scaled
 from symid.ipopt import Ending
 from symid.joint_models import (
@@ -45,7 +51,6 @@ from symid.joint_models import (
 _FEW = 20
 _ONE_SPEED = 0.05
 """Spread of the speeds over their median below which the joint moved at one speed."""
-_ONE_SIDED = 0.01
 _UNSURE = 0.5
 _CHANCE = 1e-4
 _EDGE = 1e-6
@@ -55,12 +60,6 @@ _PULL = 0.02
 """Deviations that the optimum lies beyond a bound, from which on the bound is what holds the value."""
 _BUMPS = frozenset({"Fs", "Fsp", "Fsn", "Fls"})
 """What static friction is beyond Coulomb friction."""
-
-
-def is_one_sided(velocity: FloatArray) -> bool:
-    """Return whether less than one sample in a hundred moves against the rest."""
-    forward, backward = int(np.sum(velocity > 0.0)), int(np.sum(velocity < 0.0))
-    return min(forward, backward) <= _ONE_SIDED * max(forward, backward)
 
 
 def list_refusals(
@@ -368,19 +367,10 @@ def search_friction(
         UsageError: no such estimator, or one that cannot fit this law to these samples.
     """
     check_estimator(estimator)
-    # Modules of heavy packages are loaded only where they are asked for.
-    if estimator in {"varpro", "root-finding"}:
-        from symid.identification.friction.variable_projection import search_by_projection, search_by_roots
-
-        if estimator == "varpro":
-            return search_by_projection(problem, options.variable_projection)
+    if estimator == "varpro":
+        return search_by_projection(problem, options.variable_projection)
+    if estimator == "root-finding":
         return search_by_roots(problem, options.root_finding)
-    from symid.identification.friction.bounded_search import (
-        search_by_evolution,
-        search_by_nlp,
-        search_by_population,
-    )
-
     if estimator == "nlp":
         return search_by_nlp(problem, options.nlp)
     generator = np.random.default_rng(options.seed) if generator is None else generator

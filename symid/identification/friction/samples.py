@@ -27,6 +27,9 @@ from symid.errors import LogError, Notice
 from symid.logs import decimate
 from symid.robot import Decimation
 
+_LEAST_SHARE = 0.01
+"""Of the samples: with fewer against the rest a joint moved in one direction."""
+
 Reduction = Callable[[FloatArray], FloatArray]
 """A linear operator on columns: (N, c) -> (M, c)."""
 
@@ -174,6 +177,12 @@ def build_friction_rows(samples: FrictionSamples) -> FrictionRows:
         torque=passed[:, 4],
         extra=passed[:, 5:],
     )
+
+
+def is_one_sided(velocity: FloatArray) -> bool:
+    """Return whether less than one sample in a hundred moves against the rest."""
+    forward, backward = int(np.sum(velocity > 0.0)), int(np.sum(velocity < 0.0))
+    return min(forward, backward) <= _LEAST_SHARE * max(forward, backward)
 
 
 def select_friction_rows(samples: FrictionSamples, kept: NDArray[np.bool_]) -> FrictionSamples:

@@ -30,7 +30,6 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray
 from symid.errors import Notice, UsageError
 from symid.identification.friction.estimate import FrictionSearch
-from symid.identification.friction.estimators import is_one_sided
 from symid.identification.friction.problem import (
     FrictionProblem,
     Projection,
@@ -38,7 +37,7 @@ from symid.identification.friction.problem import (
     RootFindingOptions,
     VariableProjectionOptions,
 )
-from symid.identification.friction.samples import build_friction_rows
+from symid.identification.friction.samples import build_friction_rows, is_one_sided
 from symid.identification.regression import solve_scaled
 from symid.ipopt import Ending
 

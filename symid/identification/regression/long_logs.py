@@ -40,7 +40,7 @@ from symid.robot import Processing
 
 LONG_KINDS = ("torque", "momentum")
 _BLOCKS = 100
-"""Blocks of a joint's equations, as many as `find_block_deviations` has."""
+"""Blocks of a joint's equations, as many as `compute_block_deviations` has."""
 
 
 class RowBuilder(NamedTuple):
@@ -112,7 +112,7 @@ class LongRows:
     def sketch(self, run: int | None = None) -> Rows:
         """Return p + 1 equations for each of 100 blocks of time of every joint, with the block's squares.
 
-        A'A and A'y of every block are those of its equations, so `find_block_deviations` gives the same.
+        A'A and A'y of every block are those of its equations, so `compute_block_deviations` gives the same.
         """
         outline, size = self.outline, self.triangles.shape[1]
         parts, groups = [], []

@@ -11,7 +11,7 @@ known is taken from the recording: the mean of what its torque has beyond the ot
 positions. The simulation starts at the first measured position, with the velocity of the reference. The
 plant takes the parameters from a library whose model card states them.
 
-Supported: what `symid.robot.controller` states; torque limits of the joints; base parameters and friction.
+Supported: what `symid.robot.Controller` states; torque limits of the joints; base parameters and friction.
 Not supported: controllers that run at another period than the log.
 """
 

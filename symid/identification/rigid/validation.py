@@ -169,7 +169,7 @@ def get_usable_window(
         EstimateError: windows or overlap in the settings cannot be used.
     """
     window, pieces = get_fit_window(settings), count_pieces(get_fit_overlap(settings))
-    # Windows are pieces of at least two sample periods, see `find_windows`.
+    # Windows are pieces of at least two sample periods, see `choose_windows`.
     if round(window / pieces / (2.0 * recording.period)) >= 1:
         return window, ()
     longer = 2.0 * recording.period * pieces
@@ -222,7 +222,7 @@ def restore_robot(robot: Robot, estimate: FitRecord, settings: Sequence[tuple[st
 
     Settings of the call come last, and win. Where the estimate's differ from the robot file's,
     a notice of the robot says so. What the fit chose from its logs is left open again: it holds for logs with
-    the sample period of the fit (`settle_as_fitted`).
+    the sample period of the fit (`resolve_processing`).
 
     Args:
         robot: as its file says, or as it was overridden.

@@ -233,6 +233,9 @@ def test_a_temporary_folder_that_others_can_write_is_not_used(tmp_path, monkeypa
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     folder = tmp_path / f"symid-{os.getuid()}"
     assert make_temporary_folder() == folder
+    folder.chmod(0o755)
+    assert make_temporary_folder() == folder
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
     folder.chmod(0o777)
     assert make_temporary_folder() != folder
 
@@ -541,3 +544,28 @@ def test_code_for_the_processor_gives_the_same_bytes(robots_folder, tmp_path, co
         found.append((library.evaluate("torque_regressor", q, dq, ddq)[0].tobytes(), one.tobytes()))
     assert len(list(tmp_path.iterdir())) == 2
     assert found[0] == found[1]
+
+
+def test_what_another_process_stored_meanwhile_is_kept(tmp_path):
+    def make(folder):
+        folder.mkdir()
+        (folder / "file").write_text("1")
+
+    entry = cache_module.CacheEntry(name="a", key="k" * 24, make=make, load=lambda place: place.stat().st_ino)
+    place = tmp_path / f"a-{entry.key}"
+    looked = []
+
+    def make_second(folder):
+        cache_module._store_entry(entry, place)
+        looked.append(place.stat().st_ino)
+        make(folder)
+
+    second = replace(entry, make=make_second)
+    assert cache_module.obtain_entry(second, tmp_path) == (looked[0], ())
+    assert list(tmp_path.iterdir()) == [place]
+
+
+def test_nothing_is_removed_where_nothing_was(tmp_path, monkeypatch):
+    monkeypatch.setattr(cache_module, "_remove_entry", lambda _: pytest.fail("removed"))
+    entry = cache_module.CacheEntry(name="a", key="k" * 24, make=Path.mkdir, load=lambda _: 1)
+    assert cache_module.obtain_entry(entry, tmp_path) == (1, ())

@@ -9,7 +9,9 @@ import time
 
 import pytest
 
+from symid.codegen import generation
 from symid.codegen.generation import lock_folder
+from symid.errors import OutputError
 
 
 def test_one_at_a_time_and_nothing_is_left(tmp_path):
@@ -55,8 +57,10 @@ def test_one_folder_by_two_names_is_one_folder(tmp_path):
 def test_it_is_given_back_after_an_error(tmp_path):
     with pytest.raises(ZeroDivisionError), lock_folder(tmp_path / "out", lambda: None):
         _ = 1 / 0
+    assert list(tmp_path.iterdir()) == []
     with lock_folder(tmp_path / "out", lambda: pytest.fail("waited")):
-        assert list(tmp_path.iterdir()) == []
+        pass
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_other_folders_are_not_locked(tmp_path):
@@ -77,9 +81,9 @@ with lock_folder(Path(sys.argv[1]), lambda: None):
 """
 
 
-def test_a_killed_process_holds_nothing(tmp_path, project):
+def test_a_killed_process_with_another_temporary_folder_holds_nothing(tmp_path, tmp_path_factory, project):
     command = [sys.executable, "-c", HOLD, str(tmp_path / "out")]
-    environment = {**os.environ, "PYTHONPATH": str(project)}
+    environment = {**os.environ, "PYTHONPATH": str(project), "TMPDIR": str(tmp_path_factory.mktemp("other"))}
     with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout.readline() == "locked\n"
         told = []
@@ -91,3 +95,80 @@ def test_a_killed_process_holds_nothing(tmp_path, project):
         with lock_folder(tmp_path / "out", tell):
             assert told == [True]
     assert list(tmp_path.iterdir()) == []
+
+
+TAKE = """
+import os, sys
+from pathlib import Path
+from symid.codegen.generation import lock_folder
+inside = Path(sys.argv[2])
+for _ in range(40):
+    with lock_folder(Path(sys.argv[1]), lambda: None):
+        os.close(os.open(inside, os.O_CREAT | os.O_EXCL))
+        inside.unlink()
+"""
+
+
+def test_processes_with_their_own_temporary_folders_take_turns(tmp_path, tmp_path_factory, project):
+    place = tmp_path_factory.mktemp("place")
+    running = []
+    for number in range(3):
+        own = tmp_path / f"{number}"
+        own.mkdir()
+        environment = {**os.environ, "PYTHONPATH": str(project), "TMPDIR": str(own)}
+        command = [sys.executable, "-c", TAKE, str(place / "out"), str(tmp_path / "inside")]
+        running.append(subprocess.Popen(command, env=environment))
+    assert [process.wait(timeout=100) for process in running] == [0, 0, 0]
+    assert list(place.iterdir()) == []
+
+
+def test_a_run_that_made_the_folders_above_is_waited_for(tmp_path):
+    told = []
+
+    def wait():
+        with lock_folder(tmp_path / "deep" / "out", lambda: told.append("waits")):
+            told.append("in")
+
+    with lock_folder(tmp_path / "deep" / "out", lambda: None):
+        (tmp_path / "deep").mkdir()
+        thread = threading.Thread(target=wait)
+        thread.start()
+        thread.join(timeout=1.5)
+        assert told == ["waits"]
+    thread.join()
+    assert told == ["waits", "in"]
+    assert list((tmp_path / "deep").iterdir()) == []
+
+
+def test_a_lock_on_a_file_that_was_removed_is_none(tmp_path):
+    """Whoever comes next makes a file anew, and would not see it."""
+    path = tmp_path / ".out.symid-lock"
+    lock = generation.FileLock(path)
+    with lock:
+        assert generation._is_held(lock, path)
+        path.unlink()
+        assert not generation._is_held(lock, path)
+        path.touch()
+        assert not generation._is_held(lock, path)
+
+
+def test_beside_a_folder_that_cannot_be_written_the_cache_folder_has_the_lock(tmp_path, monkeypatch):
+    (tmp_path / "place").mkdir()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    with lock_folder(tmp_path / "place" / "out", lambda: None):
+        assert [path.suffix for path in (tmp_path / "cache" / "symid").iterdir()] == [".lock"]
+        assert list((tmp_path / "place").iterdir()) == []
+    assert list((tmp_path / "cache" / "symid").iterdir()) == []
+
+
+def test_a_lock_that_cannot_be_written_is_said(tmp_path, monkeypatch):
+    (tmp_path / ".out.symid-lock").mkdir()
+    with pytest.raises(OutputError, match="cannot be locked") as caught, lock_folder(tmp_path / "out", print):
+        pass
+    assert caught.value.notices[0].code == "output.cannot-write"
+    assert caught.value.notices[0].file == str(tmp_path / "out")
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    monkeypatch.setattr(generation, "locate_user_folder", lambda: None)
+    with pytest.raises(OutputError, match="Permission denied"), lock_folder(tmp_path / "other", print):
+        pass

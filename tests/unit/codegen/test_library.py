@@ -1,12 +1,14 @@
 """Libraries: only what was built from the folder's sources, and only calls that make sense."""
 
 import subprocess
+import threading
 import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from symid.codegen import library as library_module
 from symid.codegen.c_library import generate_c_library
 from symid.codegen.calls import check_outputs
 from symid.codegen.casadi_functions import build_functions
@@ -283,3 +285,30 @@ def test_batches_of_a_module_go_through_in_few_pieces_of_its_own_arrays(made, tm
         assert given == pieces
         assert len(pieces) > 1 or found is results[-1]
         np.testing.assert_array_equal(found, wanted)
+
+
+def test_an_update_that_runs_is_waited_for(made, tmp_path):
+    write_sources(generate_python_module(made["two_link"]), tmp_path)
+    update = tmp_path / ".symid-update-1"
+    update.mkdir()
+    timer = threading.Timer(0.2, update.rmdir)
+    timer.start()
+    assert load_library(tmp_path).backend == "python"
+    timer.join()
+
+
+@pytest.mark.parametrize("target", [generate_python_module, generate_casadi_target])
+def test_an_update_that_began_while_the_library_was_read_is_seen(made, tmp_path, monkeypatch, target):
+    write_sources(target(made["two_link"]), tmp_path)
+    read = library_module.read_manifest
+
+    def read_and_change(folder):
+        found = read(folder)
+        with (folder / "README.md").open("a") as file:
+            file.write("new")
+        return found
+
+    monkeypatch.setattr(library_module, "read_manifest", read_and_change)
+    with pytest.raises(UsageError, match="is running or was interrupted") as caught:
+        load_library(tmp_path)
+    assert caught.value.notices[0].code == "usage.broken-manifest"

@@ -14,6 +14,7 @@ from symid.codegen.source_folder import (
     SourceSet,
     compute_digest,
     is_unchanged,
+    list_interrupted_updates,
     read_manifest,
     write_manifest_text,
     write_sources,
@@ -391,3 +392,23 @@ def test_a_folder_that_cannot_be_given_back_is_written(tmp_path, monkeypatch):
     write_sources(sources(a="3"), out)
     assert (out / "a.c").read_text() == "3"
     assert names(tmp_path) == ["out"]
+
+
+def test_a_manifest_alone_is_no_update_and_what_is_left_of_it_goes(tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    write_sources(sources(a="1"), out)
+    seen = []
+
+    def fail(self, target):
+        seen.extend(list_interrupted_updates(out))
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", fail)
+        patch.setattr(Path, "unlink", lambda *_, **__: None)
+        with pytest.raises(KeyboardInterrupt):
+            write_manifest_text("{}", out)
+    assert seen == []
+    assert len(list(out.iterdir())) == 3
+    write_sources(sources(a="2"), out)
+    assert names(out) == ["a.c", MANIFEST]

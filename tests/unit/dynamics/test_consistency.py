@@ -290,6 +290,18 @@ def test_equations_that_nothing_fulfils_have_no_solution():
     assert optimise_bodies(nothing).gap < 1e-12
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_equations_that_steps_do_not_reach_have_no_solution(seed):
+    """Two rows that differ by rounding: where the steps end, the error is 1e-8 of what the rows add up."""
+    problem = draw_problem(np.random.default_rng(seed), 1.0)
+    parts = {name: getattr(problem, name).copy() for name in ("blocks", "positive", "others", "target")}
+    for part in parts.values():
+        part[1] = 2.0 * part[0]
+    parts["blocks"][1] += 1e-12 * parts["blocks"][2]
+    parts["target"][1] *= 1.0 + 1e-12
+    assert solve_body_equations(dataclasses.replace(problem, **parts)) is None
+
+
 def test_base_values_that_contradict_each_other_are_named():
     """A first moment too large for the inertia and the mass that are left."""
     truth = draw_parameters(np.random.default_rng(9), 2)

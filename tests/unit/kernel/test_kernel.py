@@ -12,7 +12,7 @@ from symid.arrays import FloatArray, FrozenArrays, freeze
 from symid.environment import write_file
 from symid.errors import Notice, RobotError, SymidError
 from symid.notation import INERTIAL, SYMBOLS, get_unit
-from symid.serialization import compute_signature, write_canonical
+from symid.serialization import compute_signature, write_canonical, write_plain
 
 
 @pytest.mark.parametrize(
@@ -165,3 +165,8 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path):
         write_file(path, fail)
     assert path.read_text(encoding="utf-8") == "old"
     assert [entry.name for entry in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_a_class_has_no_json():
+    with pytest.raises(TypeError, match="no JSON for type"):
+        write_plain(Notice)

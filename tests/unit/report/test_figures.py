@@ -180,3 +180,18 @@ def test_constants_have_figures(logarithmic):
     line = Line(label="a", style="first", x=np.ones(3), y=np.full(3, 2.0))
     assert "nan" not in build_line_figure("t", "d", ("x", "y"), [line], logarithmic=logarithmic)
     assert "nan" not in build_curve_figure("t", "d", ("x", "y"), [line])
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("values", [(1e-308, 1.0), (1e-306, 1e306), (1e305, 1e308), (-1e308, 1e308)])
+def test_values_at_the_ends_of_what_numbers_hold_are_drawn_or_left_out(values):
+    entries = [Interval(label="a long name of a row" * 3, middle=value) for value in values]
+    line = Line(label="", style="first", x=np.arange(2.0), y=np.array(values))
+    for text in (
+        build_interval_figure("t", "d", "x", entries),
+        build_line_figure("t", "d", ("x", "y"), [line]),
+        build_line_figure("t", "d", ("x", "y"), [line], logarithmic=True),
+    ):
+        parse(text)
+        assert "nan" not in text
+        assert "inf" not in text

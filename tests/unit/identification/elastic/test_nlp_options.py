@@ -27,3 +27,20 @@ def test_all_mistakes_are_reported_together():
 
 def test_the_defaults_are_allowed():
     assert NlpOptions().rows == ("energy", "momentum")
+
+
+@pytest.mark.parametrize(
+    ("given", "word"),
+    [
+        ({"rounds": 1.5}, "rounds"),
+        ({"rounds": float("nan")}, "rounds"),
+        ({"iterations": 2.5}, "iterations"),
+        ({"rows": "energy"}, "rows"),
+    ],
+)
+def test_a_mistake_is_said_in_one_line(given, word):
+    with pytest.raises(UsageError) as refused:
+        NlpOptions(**given)
+    (notice,) = refused.value.notices
+    assert notice.code == "usage.nlp-option"
+    assert notice.text.startswith(word)

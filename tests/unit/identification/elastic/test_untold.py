@@ -116,6 +116,7 @@ def test_estimates_of_before_springs_could_be_refused_are_read(tmp_path, estimat
     data = json.loads(path.read_text(encoding="utf-8"))
     for entry in data["springs"]:
         del entry["told"], entry["reason"]
+    data |= {"format": "symid elastic estimate", "version": 1}
     path.write_text(json.dumps(data), encoding="utf-8")
     assert read_fit(path) == estimate
 

@@ -8,7 +8,7 @@ from symid.environment import write_file
 from symid.errors import EstimateError, OutputError
 from symid.identification.rigid.fit import identify_parameters
 from symid.identification.rigid.validation import validate_estimate
-from symid.identification.stored import read_fit, write_fit
+from symid.identification.stored import is_fit, read_fit, write_fit
 from symid.robot.description import Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
 
@@ -180,6 +180,139 @@ def test_values_of_a_wrong_kind_are_refused(tmp_path, estimate, change, message)
     path.write_text(json.dumps(data))
     with pytest.raises(EstimateError, match=message):
         read_fit(path)
+
+
+def nest(depth):
+    value = []
+    for _ in range(depth):
+        value = [value]
+    return value
+
+
+def refuse(path, text):
+    """Return the codes and the places that the refusal of a file names."""
+    path.write_text(text)
+    with pytest.raises(EstimateError) as caught:
+        read_fit(path)
+    notices = caught.value.notices
+    assert {notice.code for notice in notices} == {"estimate.format"}
+    return {notice.text.partition(": ")[0] for notice in notices}
+
+
+@pytest.mark.parametrize(
+    ("change", "place"),
+    [
+        (lambda data: data["parameters"][0].update(value="1e400"), "parameters[0].value"),
+        (lambda data: data["parameters"][0].update(std="1e400"), "parameters[0].std"),
+        (lambda data: data["settings"].update(far=["-1e400"]), "settings.far[0]"),
+        (lambda data: data["covariance"].__setitem__(0, []), "covariance"),
+        (lambda data: data.pop("covariance"), "covariance is missing"),
+        (lambda data: data.pop("notices"), "notices is missing"),
+        (lambda data: data.pop("refused"), "refused is missing"),
+        (lambda data: data.pop("friction"), "friction is missing"),
+        (lambda data: data.pop("unresolved"), "unresolved is missing"),
+        (lambda data: data["parameters"][1].pop("truth"), "parameters[1]"),
+        (lambda data: data.update(robot="\ud800"), "robot"),
+        (lambda data: data["settings"].update({"\udfff": 1}), "settings"),
+        (lambda data: data["settings"].update(deep=nest(900)), "settings.deep[0]"),
+        (lambda data: data["parameters"][0].update(std=-1.0), "parameters"),
+        (lambda data: data.update(condition=-1.0), "condition"),
+        (lambda data: data.update(sources=[]), "sources"),
+        (lambda data: data.update(version=2.0), "version 2.0 of the format; this symid reads 2"),
+        (lambda data: data.update(version=True), "version True of the format; this symid reads 2"),
+        (
+            lambda data: data.update(format=["symid fit"]),
+            "this is JSON, but not an estimate written by symid",
+        ),
+    ],
+)
+def test_a_broken_file_is_refused_at_its_place(tmp_path, estimate, change, place):
+    path = write_fit(estimate, tmp_path / "estimate.json")
+    data = json.loads(path.read_text())
+    change(data)
+    text = json.dumps(data).replace('"1e400"', "1e400").replace('"-1e400"', "-1e400")
+    places = refuse(path, text)
+    assert {entry[: len(place)] for entry in places} == {place}
+
+
+def test_a_key_that_is_given_twice_is_refused(tmp_path, estimate):
+    path = write_fit(estimate, tmp_path / "estimate.json")
+    text = path.read_text().replace('"robot": ', '"robot": "other", "robot": ', 1)
+    assert refuse(path, text) == {"not JSON"}
+
+
+@pytest.mark.parametrize(
+    ("change", "place"),
+    [
+        (lambda spring: spring["elasticity"]["stops"][0].update(threshold=None), "stops[0].threshold"),
+        (lambda spring: spring["elasticity"]["knees"][0].update(threshold=None), "knees[0].threshold"),
+        (lambda spring: spring["elasticity"]["knees"][0].update(slope=None), "knees[0].slope"),
+        (lambda spring: spring["elasticity"].pop("damping"), ""),
+    ],
+)
+@pytest.mark.parametrize("part", ["elasticity", "truth"])
+def test_a_broken_spring_is_refused_at_its_place(tmp_path, part, change, place):
+    path, data = build_elastic(tmp_path)
+    spring = data["springs"][0]
+    holder = {"elasticity": spring["elasticity"]}
+    change(holder)
+    spring[part] = holder["elasticity"]
+    if part == "truth":
+        spring["elasticity"] = data["springs"][1]["elasticity"]
+    where = f"springs[0].{part}"
+    assert refuse(path, json.dumps(data)) == {f"{where}.{place}" if place else where}
+
+
+@pytest.mark.parametrize("name", ["torsion", "excited", "torque"])
+def test_extents_of_a_spring_are_not_negative(tmp_path, name):
+    path, data = build_elastic(tmp_path)
+    data["springs"][0][name] = -1.0
+    assert refuse(path, json.dumps(data)) == {"springs"}
+
+
+def build_elastic(folder):
+    """Return the path of a new file of elastic joints, and its data, with stops and knees."""
+    old = Path(__file__).parents[3] / "data" / "fits" / "elastic_1.json"
+    path = write_fit(read_fit(old), folder / "elastic.json")
+    data = json.loads(path.read_text())
+    spring = data["springs"][0]["elasticity"]
+    spring["stops"] = [{"threshold": 0.001, "stiffness": 10.0}]
+    spring["knees"] = [{"threshold": 1.0, "slope": 0.1}]
+    path.write_text(json.dumps(data))
+    assert read_fit(path).springs[0].elasticity.knees[0].slope == 0.1
+    return path, data
+
+
+def test_an_old_file_whose_parameters_are_no_list_is_refused(tmp_path):
+    old = Path(__file__).parents[3] / "data" / "fits" / "elastic_1.json"
+    data = json.loads(old.read_text()) | {"parameters": 5}
+    assert refuse(tmp_path / "old.json", json.dumps(data)) == {"parameters"}
+
+
+@pytest.mark.parametrize(
+    ("text", "known"),
+    [
+        ('{"format": "symid fit"}', True),
+        ('{"format": "symid estimate"}', True),
+        ('{"format": "symid results"}', False),
+        ('{"format": ["symid fit"]}', False),
+        ("[]", False),
+    ],
+)
+def test_a_fit_is_told_by_its_format(tmp_path, text, known):
+    path = tmp_path / "a.json"
+    path.write_text(text)
+    assert is_fit(path) is known
+
+
+@pytest.mark.parametrize("name", ["a\0b", "\ud800"])
+def test_names_that_no_file_can_have_are_refused(tmp_path, estimate, name):
+    with pytest.raises(EstimateError) as caught:
+        read_fit(tmp_path / name)
+    assert caught.value.notices[0].code == "estimate.format"
+    with pytest.raises(OutputError) as caught:
+        write_fit(estimate, tmp_path / name)
+    assert caught.value.notices[0].code == "output.write"
 
 
 @pytest.mark.parametrize("text", ["[" * 100_000, '{"format": NaN}', "1" * 5000])
