@@ -361,7 +361,9 @@ def _compute_exact_step(
 
 def _compute_row_sizes(problem: BodyProblem, state: NearestBodies) -> FloatArray:
     """Return the sums of the sizes of what the rows add up, which bound their rounding: (m,)."""
-    reached = np.einsum("mnab,nab->m", np.abs(problem.blocks), np.abs(state.blocks))
+    # Entries of Q off its diagonal may be zero by rounding alone: |Q_ab| <= sqrt(Q_aa Q_bb) does not vanish.
+    roots = np.sqrt(np.sum(state.factors**2, axis=2))
+    reached = np.einsum("mnab,na,nb->m", np.abs(problem.blocks), roots, roots)
     numbers = np.abs(problem.positive) @ state.positive + np.abs(problem.others) @ np.abs(state.others)
     sizes: FloatArray = reached + numbers + np.abs(problem.target)
     return sizes
